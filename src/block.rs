@@ -1,0 +1,306 @@
+//! Partition of the grid into blocks (spec section 4.2).
+//!
+//! The grid is cut into tiles, each tile into blocks of one of the file's block shapes; tiles at the grid's far
+//! edges and blocks at their tile's far edges may be short. One tile that covers the grid gives one block shape
+//! everywhere. Blocks are numbered tile after tile, last axis fastest.
+
+use crate::error::{Error, Result};
+use crate::format::{MAX_BLOCK_AXIS, MAX_BLOCK_POSITIONS, MAX_BLOCKS};
+
+/// A box of grid positions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Block {
+    /// First position, padded in front to four axes.
+    pub origin: [usize; 4],
+    /// Lengths, padded in front with ones.
+    pub shape: [usize; 4],
+}
+
+impl Block {
+    /// Number of positions.
+    pub fn positions(&self) -> usize {
+        self.shape.iter().product()
+    }
+
+    /// Calls `row(start in the plane, start in the block, length)` for each run along the last axis.
+    fn rows(&self, grid: [usize; 4], mut row: impl FnMut(usize, usize, usize)) {
+        let [o0, o1, o2, o3] = self.origin;
+        let [n0, n1, n2, n3] = self.shape;
+        let mut at = 0;
+        for i in o0..o0 + n0 {
+            for j in o1..o1 + n1 {
+                for k in o2..o2 + n2 {
+                    row(((i * grid[1] + j) * grid[2] + k) * grid[3] + o3, at, n3);
+                    at += n3;
+                }
+            }
+        }
+    }
+
+    /// Copies this block out of a plane of shape `grid`.
+    pub fn gather<T: Copy>(&self, grid: [usize; 4], plane: &[T], block: &mut [T]) {
+        self.rows(grid, |from, to, n| block[to..to + n].copy_from_slice(&plane[from..from + n]));
+    }
+
+    /// Copies this block into a plane of shape `grid`, the inverse of [`Block::gather`].
+    pub fn scatter<T: Copy>(&self, grid: [usize; 4], block: &[T], plane: &mut [T]) {
+        self.rows(grid, |to, from, n| plane[to..to + n].copy_from_slice(&block[from..from + n]));
+    }
+}
+
+/// The cut of a grid into tiles and blocks; knows the block of every position in constant time.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Partition {
+    grid: [usize; 4],
+    tile: [usize; 4],
+    /// Tiles along each axis.
+    tiles: [usize; 4],
+    shapes: Vec<[usize; 4]>,
+    /// Shape number of each tile.
+    tile_shape: Vec<u8>,
+    /// Number of the first block of each tile, then the number of blocks.
+    first: Vec<u32>,
+}
+
+fn div_ceil(a: [usize; 4], b: [usize; 4]) -> [usize; 4] {
+    std::array::from_fn(|i| a[i].div_ceil(b[i]))
+}
+
+/// Index of a four-axis coordinate, last axis fastest.
+fn linear(at: [usize; 4], shape: [usize; 4]) -> usize {
+    ((at[0] * shape[1] + at[1]) * shape[2] + at[2]) * shape[3] + at[3]
+}
+
+/// Coordinate of an index, the inverse of [`linear`].
+fn unravel(mut index: usize, shape: [usize; 4]) -> [usize; 4] {
+    let mut at = [0; 4];
+    for axis in (0..4).rev() {
+        at[axis] = index % shape[axis];
+        index /= shape[axis];
+    }
+    at
+}
+
+impl Partition {
+    /// One block shape everywhere; `block` is clipped to the grid.
+    ///
+    /// # Errors
+    /// As [`Partition::tiled`].
+    pub fn uniform(grid: [usize; 4], block: [usize; 4]) -> Result<Partition> {
+        let clipped = std::array::from_fn(|i| block[i].min(grid[i]));
+        Partition::tiled(grid, grid, vec![clipped], vec![0])
+    }
+
+    /// Tiles of shape `tile`; tile `t` (last axis fastest) is cut into blocks of `shapes[tile_shape[t]]`.
+    ///
+    /// # Errors
+    /// `InvalidArgument` if a length is zero or larger than what it divides, if a shape number is out of range, or
+    /// if the blocks are more or larger than the format allows.
+    pub fn tiled(
+        grid: [usize; 4],
+        tile: [usize; 4],
+        shapes: Vec<[usize; 4]>,
+        tile_shape: Vec<u8>,
+    ) -> Result<Partition> {
+        let bad = |what: String| Err(Error::InvalidArgument(what));
+        let within = |inner: [usize; 4], outer: [usize; 4]| (0..4).all(|i| (1..=outer[i]).contains(&inner[i]));
+        if !within(tile, grid) {
+            return bad(format!("tile {tile:?} does not fit the grid {grid:?}"));
+        }
+        if shapes.is_empty() || shapes.len() > 256 {
+            return bad(format!("{} block shapes, allowed are 1 to 256", shapes.len()));
+        }
+        for shape in &shapes {
+            if !within(*shape, tile) {
+                return bad(format!("block shape {shape:?} does not fit the tile {tile:?}"));
+            }
+            if shape.iter().any(|&n| n > MAX_BLOCK_AXIS) {
+                return bad(format!("block shape {shape:?} has an axis longer than {MAX_BLOCK_AXIS}"));
+            }
+            let positions = shape.iter().product::<usize>();
+            if positions > MAX_BLOCK_POSITIONS {
+                return bad(format!("a block of {positions} positions, at most {MAX_BLOCK_POSITIONS} are allowed"));
+            }
+        }
+        let tiles = div_ceil(grid, tile);
+        if tile_shape.len() != tiles.iter().product::<usize>() {
+            return bad(format!("{} tile shapes for {tiles:?} tiles", tile_shape.len()));
+        }
+        let mut partition = Partition { grid, tile, tiles, shapes, tile_shape, first: vec![0] };
+        let mut blocks = 0;
+        for t in 0..partition.tile_shape.len() {
+            if usize::from(partition.tile_shape[t]) >= partition.shapes.len() {
+                return bad(format!("tile {t} has shape {} of {}", partition.tile_shape[t], partition.shapes.len()));
+            }
+            blocks += div_ceil(partition.tile_box(t).shape, partition.shape_of(t)).iter().product::<usize>();
+            if blocks > MAX_BLOCKS {
+                return bad(format!("more than {MAX_BLOCKS} blocks"));
+            }
+            partition.first.push(blocks as u32);
+        }
+        Ok(partition)
+    }
+
+    fn shape_of(&self, tile: usize) -> [usize; 4] {
+        self.shapes[usize::from(self.tile_shape[tile])]
+    }
+
+    fn tile_box(&self, tile: usize) -> Block {
+        let at = unravel(tile, self.tiles);
+        let origin = std::array::from_fn(|i| at[i] * self.tile[i]);
+        Block { origin, shape: std::array::from_fn(|i| self.tile[i].min(self.grid[i] - origin[i])) }
+    }
+
+    /// Shape of the grid.
+    pub fn grid(&self) -> [usize; 4] {
+        self.grid
+    }
+
+    /// Shape of a full tile.
+    pub fn tile(&self) -> [usize; 4] {
+        self.tile
+    }
+
+    /// The block shapes in use.
+    pub fn shapes(&self) -> &[[usize; 4]] {
+        &self.shapes
+    }
+
+    /// Shape number of each tile.
+    pub fn tile_shapes(&self) -> &[u8] {
+        &self.tile_shape
+    }
+
+    /// Number of blocks.
+    pub fn block_count(&self) -> usize {
+        self.first[self.first.len() - 1] as usize
+    }
+
+    /// Number of blocks along each axis, if one tile covers the grid.
+    pub fn blocks_per_axis(&self) -> Option<[usize; 4]> {
+        (self.tile_shape.len() == 1).then(|| div_ceil(self.grid, self.shape_of(0)))
+    }
+
+    /// Every length that a block has along some axis, edges included.
+    pub(crate) fn axis_lengths(&self) -> Vec<usize> {
+        let mut lengths = Vec::new();
+        for axis in 0..4 {
+            let short_tile = self.grid[axis] % self.tile[axis];
+            for tile in [self.tile[axis], short_tile] {
+                for shape in &self.shapes {
+                    lengths.extend([shape[axis].min(tile), tile % shape[axis]]);
+                }
+            }
+        }
+        lengths.retain(|&n| n > 0);
+        lengths.sort_unstable();
+        lengths.dedup();
+        lengths
+    }
+
+    /// Place and shape of a block; `None` past the last one.
+    pub fn block(&self, block: usize) -> Option<Block> {
+        if block >= self.block_count() {
+            return None;
+        }
+        let tile = self.first.partition_point(|&first| first as usize <= block) - 1;
+        let bounds = self.tile_box(tile);
+        let shape = self.shape_of(tile);
+        let at = unravel(block - self.first[tile] as usize, div_ceil(bounds.shape, shape));
+        Some(Block {
+            origin: std::array::from_fn(|i| bounds.origin[i] + at[i] * shape[i]),
+            shape: std::array::from_fn(|i| shape[i].min(bounds.shape[i] - at[i] * shape[i])),
+        })
+    }
+
+    /// Block of a grid position and the position's index within it; `None` outside the grid.
+    pub fn locate(&self, position: [usize; 4]) -> Option<(usize, usize)> {
+        if (0..4).any(|i| position[i] >= self.grid[i]) {
+            return None;
+        }
+        let tile = linear(std::array::from_fn(|i| position[i] / self.tile[i]), self.tiles);
+        let bounds = self.tile_box(tile);
+        let shape = self.shape_of(tile);
+        let inner: [usize; 4] = std::array::from_fn(|i| position[i] - bounds.origin[i]);
+        let at: [usize; 4] = std::array::from_fn(|i| inner[i] / shape[i]);
+        let within: [usize; 4] = std::array::from_fn(|i| inner[i] - at[i] * shape[i]);
+        let clipped = std::array::from_fn(|i| shape[i].min(bounds.shape[i] - at[i] * shape[i]));
+        let block = self.first[tile] as usize + linear(at, div_ceil(bounds.shape, shape));
+        Some((block, linear(within, clipped)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn any_partition() -> impl Strategy<Value = Partition> {
+        let axes = || prop::array::uniform4(1usize..9);
+        (axes(), axes(), prop::collection::vec(axes(), 1..4), any::<u64>()).prop_map(|(grid, tile, shapes, seed)| {
+            let tile: [usize; 4] = std::array::from_fn(|i| tile[i].min(grid[i]));
+            let shapes: Vec<_> = shapes.iter().map(|s| std::array::from_fn(|i| s[i].min(tile[i]))).collect();
+            let tiles = div_ceil(grid, tile).iter().product::<usize>();
+            let choice = (0..tiles).map(|t| ((seed >> (t % 60)) as usize % shapes.len()) as u8).collect();
+            Partition::tiled(grid, tile, shapes, choice).unwrap()
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn blocks_cover_every_position_once(partition in any_partition()) {
+            let grid = partition.grid();
+            let n = grid.iter().product::<usize>();
+            let mut owner = vec![None; n];
+            for b in 0..partition.block_count() {
+                let block = partition.block(b).unwrap();
+                for i in 0..block.positions() {
+                    let at = unravel(i, block.shape);
+                    let position: [usize; 4] = std::array::from_fn(|a| block.origin[a] + at[a]);
+                    prop_assert_eq!(partition.locate(position), Some((b, i)));
+                    prop_assert_eq!(owner[linear(position, grid)].replace(b), None);
+                }
+            }
+            let lengths = partition.axis_lengths();
+            for b in 0..partition.block_count() {
+                prop_assert!(partition.block(b).unwrap().shape.iter().all(|n| lengths.contains(n)));
+            }
+            prop_assert!(owner.iter().all(Option::is_some));
+            prop_assert_eq!(partition.block(partition.block_count()), None);
+        }
+
+        #[test]
+        fn scatter_undoes_gather(partition in any_partition()) {
+            let n = partition.grid().iter().product::<usize>();
+            let plane: Vec<u32> = (0..n as u32).collect();
+            let mut back = vec![0; n];
+            for b in 0..partition.block_count() {
+                let block = partition.block(b).unwrap();
+                let mut values = vec![0; block.positions()];
+                block.gather(partition.grid(), &plane, &mut values);
+                block.scatter(partition.grid(), &values, &mut back);
+            }
+            prop_assert_eq!(plane, back);
+        }
+    }
+
+    #[test]
+    fn merl_in_paper_blocks() {
+        let partition = Partition::uniform([1, 90, 90, 180], [1, 15, 15, 15]).unwrap();
+        assert_eq!(partition.block_count(), 432);
+        assert_eq!(partition.blocks_per_axis(), Some([1, 6, 6, 12]));
+        assert_eq!(partition.locate([0, 16, 89, 31]), Some((6 * 12 + 5 * 12 + 2, (15 + 14) * 15 + 1)));
+    }
+
+    #[test]
+    fn impossible_partitions_are_refused() {
+        let grid = [1, 90, 90, 180];
+        assert!(Partition::uniform(grid, [1, 0, 15, 15]).is_err());
+        assert!(Partition::tiled(grid, [1, 91, 90, 180], vec![[1; 4]], vec![0]).is_err());
+        assert!(Partition::tiled(grid, grid, vec![], vec![0]).is_err());
+        assert!(Partition::tiled(grid, grid, vec![[1, 15, 15, 15]], vec![1]).is_err());
+        assert!(Partition::tiled(grid, grid, vec![[1, 15, 15, 15]], vec![0, 0]).is_err());
+        assert!(Partition::uniform([1, 4096, 4096, 4], [1; 4]).is_err());
+        assert!(Partition::uniform([1, 4096, 4096, 4], [1, 2048, 1, 1]).is_err());
+    }
+}

@@ -1,0 +1,96 @@
+//! Channel transform: what the colour channels share is coded once (spec section 4.1).
+
+/// A transform over the channels of each position, in the log domain.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ChannelTransform {
+    /// Channels as they are.
+    None,
+    /// Orthonormal matrix, `[component][channel]`: component = sum over channels of entry * log value.
+    Matrix(Vec<f32>),
+}
+
+/// Most channels that a matrix may mix.
+pub const MAX_MATRIX_CHANNELS: usize = 16;
+
+impl ChannelTransform {
+    /// Mean, red minus blue, and green minus the two: the orthonormal opponent transform of three channels.
+    pub fn opponent() -> ChannelTransform {
+        let [a, b, c] = [1.0 / 3f64.sqrt(), 1.0 / 2f64.sqrt(), 1.0 / 6f64.sqrt()].map(|x| x as f32);
+        ChannelTransform::Matrix(vec![a, a, a, b, 0.0, -b, c, -2.0 * c, c])
+    }
+
+    /// Log values to components, in place: `planes[channel][position]`.
+    #[cfg(feature = "encode")]
+    pub fn forward(&self, planes: &mut [f64], channels: usize) {
+        let ChannelTransform::Matrix(matrix) = self else { return };
+        let n = planes.len() / channels;
+        let mut values = vec![0.0; channels];
+        for i in 0..n {
+            for (c, value) in values.iter_mut().enumerate() {
+                *value = planes[c * n + i];
+            }
+            for (t, row) in matrix.chunks_exact(channels).enumerate() {
+                planes[t * n + i] = row.iter().zip(&values).map(|(m, v)| f64::from(*m) * v).sum();
+            }
+        }
+    }
+
+    /// Components to log values, in place, each the sum over components in ascending order.
+    pub(crate) fn inverse(&self, planes: &mut [f32], channels: usize) {
+        let ChannelTransform::Matrix(matrix) = self else { return };
+        let n = planes.len() / channels;
+        if channels == 3 {
+            // The common case, laid out so that it vectorises; the same sums in the same order.
+            let (first, rest) = planes.split_at_mut(n);
+            let (second, third) = rest.split_at_mut(n);
+            for ((a, b), c) in first.iter_mut().zip(second).zip(third) {
+                let x = [*a, *b, *c];
+                let sum = |ch: usize| (x[0] * matrix[ch] + x[1] * matrix[3 + ch]) + x[2] * matrix[6 + ch];
+                (*a, *b, *c) = (sum(0), sum(1), sum(2));
+            }
+            return;
+        }
+        let mut components = [0f32; MAX_MATRIX_CHANNELS];
+        for i in 0..n {
+            for (t, component) in components[..channels].iter_mut().enumerate() {
+                *component = planes[t * n + i];
+            }
+            for c in 0..channels {
+                let mut sum = components[0] * matrix[c];
+                for t in 1..channels {
+                    sum += components[t] * matrix[t * channels + c];
+                }
+                planes[c * n + i] = sum;
+            }
+        }
+    }
+}
+
+#[cfg(all(test, feature = "encode"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn inverse_undoes_forward() {
+        let opponent = ChannelTransform::opponent();
+        let ChannelTransform::Matrix(three) = &opponent else { unreachable!() };
+        // A four-channel orthonormal matrix: the opponent one and an untouched channel.
+        let mut four = vec![0.0; 16];
+        for row in 0..3 {
+            four[row * 4..row * 4 + 3].copy_from_slice(&three[row * 3..row * 3 + 3]);
+        }
+        four[15] = 1.0;
+        for (transform, channels) in [(opponent.clone(), 3), (ChannelTransform::Matrix(four), 4), (ChannelTransform::None, 2)] {
+            let original: Vec<f64> = (0..channels * 5).map(|i| (i as f64 * 1.7).sin() * 5.0).collect();
+            let mut planes = original.clone();
+            transform.forward(&mut planes, channels);
+            let energy = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>();
+            assert!((energy(&planes) / energy(&original) - 1.0).abs() < 1e-6);
+            let mut single: Vec<f32> = planes.iter().map(|&x| x as f32).collect();
+            transform.inverse(&mut single, channels);
+            for (a, b) in single.iter().zip(&original) {
+                assert!((f64::from(*a) - b).abs() < 2e-6);
+            }
+        }
+    }
+}

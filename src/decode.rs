@@ -1,0 +1,534 @@
+//! The reader: opens a file, rebuilds single blocks or the whole table (spec section 5).
+
+use std::sync::OnceLock;
+
+use crate::block::{Block, Partition};
+use crate::entropy::{self, Walk};
+use crate::error::{Error, Result};
+use crate::format::directory::{self, Directory};
+use crate::format::header::{self, Coding};
+use crate::format::index::Index;
+#[cfg(feature = "metadata")]
+use crate::format::metadata::Metadata;
+use crate::format::record::{Record, ValidityClass};
+use crate::format::{Limits, MAX_BLOCK_VALUES};
+use crate::fourier::{Extents, Synthesis};
+use crate::grid::Grid;
+use crate::horizon::{Horizon, positions};
+use crate::mask::{self, MaskModel};
+use crate::quantize::{Quantizer, dequantize_mean};
+use crate::range::Decoder;
+use crate::sample::{Sampling, block_seed, sample_positions};
+use crate::table::BrdfTable;
+use crate::tone::{inverse_tone_map, inverse_tone_map_f64};
+
+/// Number of contexts of the range coder: coefficients, then masks.
+pub(crate) const CONTEXTS: usize = entropy::CONTEXTS + mask::CONTEXTS;
+
+/// An open file over bytes in memory or in a map. Shared freely between threads; decoding takes `&self`.
+pub struct Reader<D> {
+    data: D,
+    limits: Limits,
+    directory: Directory,
+    header: Header,
+    index: Index,
+}
+
+/// What decoding needs besides a block's record; the encoder decodes with it before there is a file.
+pub(crate) struct Header {
+    pub(crate) grid: Grid,
+    pub(crate) coding: Coding,
+    pub(crate) partition: Partition,
+    pub(crate) probabilities: Vec<u16>,
+    synthesis: Synthesis,
+    mask: OnceLock<MaskModel>,
+}
+
+/// Buffers of a decode, for callers that rebuild many blocks on a thread.
+#[derive(Debug, Default)]
+pub struct Scratch {
+    coefficients: Vec<i32>,
+    extents: Vec<Extents>,
+    walk: Walk,
+    masks: Vec<bool>,
+    /// Log values, `[channel][position]`.
+    pub(crate) log: Vec<f32>,
+    lines: Vec<f32>,
+}
+
+/// Where an entry of a decoded table comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Origin {
+    /// Measured, and a sample of the recovery.
+    Sampled,
+    /// Measured, but not sampled: the recovery had to predict it.
+    Measured,
+    /// Not measured; filled in by the recovery.
+    Filled,
+    /// Not measured, and no pair of directions above the horizon falls into the bin.
+    Impossible,
+}
+
+/// What a file says about one block.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BlockInfo {
+    /// Place and shape.
+    pub block: Block,
+    /// Bytes of its record.
+    pub record: std::ops::Range<usize>,
+    /// Class of validity.
+    pub class: ValidityClass,
+    /// Valid entries of each channel.
+    pub valid: Vec<usize>,
+    /// Sampled entries of each channel.
+    pub sampled: Vec<usize>,
+    /// Seed of the sampling.
+    pub seed: u64,
+    /// Sampling ratio, 0 to 1.
+    pub ratio: f64,
+    /// Upper bound on the rms error over valid entries, log domain.
+    pub rms: f32,
+    /// Upper bound on the largest error over valid entries, log domain.
+    pub max: f32,
+}
+
+impl Header {
+    pub(crate) fn new(grid: Grid, coding: Coding, partition: Partition, probabilities: Vec<u16>) -> Header {
+        let synthesis = Synthesis::new(coding.basis, &partition.axis_lengths());
+        Header { grid, coding, partition, probabilities, synthesis, mask: OnceLock::new() }
+    }
+
+    pub(crate) fn mask_model(&self) -> &MaskModel {
+        self.mask.get_or_init(|| MaskModel::new(Horizon::new(&self.grid), self.coding.horizon))
+    }
+
+    /// Decodes a record's masks and coefficients into the scratch. Masks: `[channel][position]` or one for all.
+    fn decode_record(&self, block: &Block, record: &Record, scratch: &mut Scratch) -> Result<(), &'static str> {
+        let n = block.positions();
+        let channels = self.grid.channels().len();
+        let mut decoder = Decoder::new(&self.probabilities, record.coded);
+        self.decode_masks(block, record.class, &mut decoder, &mut scratch.masks);
+        scratch.coefficients.clear();
+        scratch.coefficients.resize(channels * n, 0);
+        if record.class == ValidityClass::None {
+            scratch.extents.clear();
+            scratch.extents.resize(channels, [0; 4]);
+            return Ok(());
+        }
+        scratch
+            .walk
+            .code(&mut decoder, block.shape, &mut scratch.coefficients, &mut scratch.extents)
+            .map_err(|_| "a coefficient is out of range")?;
+        if decoder.unread() > 0 {
+            return Err("bytes are left over after the last coefficient");
+        }
+        Ok(())
+    }
+
+    fn decode_masks(&self, block: &Block, class: ValidityClass, decoder: &mut Decoder, masks: &mut Vec<bool>) {
+        let n = block.positions();
+        masks.clear();
+        match class {
+            ValidityClass::All => masks.resize(n, true),
+            ValidityClass::None => masks.resize(n, false),
+            ValidityClass::Horizon => masks.extend(self.mask_model().predict(block)),
+            ValidityClass::Mask | ValidityClass::MaskPerChannel => {
+                let per_channel = class == ValidityClass::MaskPerChannel;
+                masks.resize(if per_channel { n * self.grid.channels().len() } else { n }, false);
+                self.mask_model().code(decoder, entropy::CONTEXTS, block, masks);
+            }
+        }
+    }
+
+    /// Rebuilds a block's log values in `scratch.log`, `[channel][position]`; gives the masks on the side.
+    pub(crate) fn rebuild(
+        &self,
+        block: &Block,
+        record: &Record,
+        means: &[i32],
+        scratch: &mut Scratch,
+    ) -> Result<(), &'static str> {
+        self.decode_record(block, record, scratch)?;
+        let n = block.positions();
+        scratch.log.clear();
+        scratch.log.resize(scratch.coefficients.len(), 0.0);
+        for (component, values) in scratch.log.chunks_exact_mut(n).enumerate() {
+            let step = self.coding.steps[component];
+            let quantizer = Quantizer { step, shrink: self.coding.shrink.map(|s| f32::from(s) / 256.0) };
+            let coefficients = &scratch.coefficients[component * n..(component + 1) * n];
+            let extents = scratch.extents[component].map(|e| e.max(1));
+            dequantize_within(block.shape, extents, coefficients, quantizer, values);
+            values[0] = dequantize_mean(step, means[component]);
+            self.synthesis.synthesize(block.shape, extents, values, &mut scratch.lines);
+        }
+        self.coding.transform.inverse(&mut scratch.log, self.grid.channels().len());
+        Ok(())
+    }
+
+    /// Masks of all channels, `[channel][position]`, from what the scratch holds after a decode.
+    pub(crate) fn masks_of(&self, scratch: &Scratch) -> Vec<bool> {
+        let channels = self.grid.channels().len();
+        let total = scratch.coefficients.len();
+        let copies = if scratch.masks.len() == total { 1 } else { channels };
+        scratch.masks.repeat(copies)
+    }
+}
+
+/// Dequantises the coefficients below the extents; the others stay zero.
+fn dequantize_within(shape: [usize; 4], extents: Extents, from: &[i32], quantizer: Quantizer, to: &mut [f32]) {
+    let [_, n1, n2, n3] = shape;
+    for i in 0..extents[0] {
+        for j in 0..extents[1] {
+            for k in 0..extents[2] {
+                let row = ((i * n1 + j) * n2 + k) * n3;
+                for (value, &q) in to[row..row + extents[3]].iter_mut().zip(&from[row..]) {
+                    *value = quantizer.dequantize(q);
+                }
+            }
+        }
+    }
+}
+
+#[cfg(feature = "mmap")]
+impl Reader<memmap2::Mmap> {
+    /// Maps and opens a file. See [`crate::map::map_file`] on files that others change.
+    ///
+    /// # Errors
+    /// As [`Reader::open`], naming the file.
+    pub fn open_path(path: impl AsRef<std::path::Path>) -> Result<Self> {
+        let path = path.as_ref();
+        Reader::open(crate::map::map_file(path)?).map_err(|e| e.in_file(path))
+    }
+}
+
+impl<D: AsRef<[u8]>> Reader<D> {
+    /// Opens a file: checks the header sections and the whole index, touches no record.
+    ///
+    /// # Errors
+    /// `NotCsbrdf`, `UnsupportedVersion`, `Truncated` or `Corrupt` with section and offset; `LimitExceeded`.
+    pub fn open(data: D) -> Result<Reader<D>> {
+        Reader::open_with_limits(data, Limits::default())
+    }
+
+    /// As [`Reader::open`], with the caller's limits.
+    pub fn open_with_limits(data: D, limits: Limits) -> Result<Reader<D>> {
+        let bytes = data.as_ref();
+        let directory = Directory::read(bytes)?;
+        let grid = header::read_grid(directory.open(bytes, directory::GRID)?)?;
+        let channels = grid.channels().len();
+        let coding = header::read_coding(directory.open(bytes, directory::CODING)?, channels)?;
+        let partition = header::read_partition(directory.open(bytes, directory::PARTITION)?, &grid)?;
+        let limit = limits.block_values.min(MAX_BLOCK_VALUES);
+        for shape in partition.shapes() {
+            let values = shape.iter().product::<usize>() * channels;
+            if values > limit {
+                return Err(Error::LimitExceeded { what: "values of a block", got: values as u64, limit: limit as u64 });
+            }
+        }
+        let probabilities =
+            header::read_probabilities(directory.open(bytes, directory::PROBABILITIES)?, CONTEXTS)?;
+        let records = directory.require(directory::RECORDS)?;
+        let index =
+            Index::read(directory.open(bytes, directory::INDEX)?, partition.block_count(), channels, records)?;
+        let header = Header::new(grid, coding, partition, probabilities);
+        Ok(Reader { data, limits, directory, header, index })
+    }
+
+    /// Shape, axes and channels.
+    pub fn grid(&self) -> &Grid {
+        &self.header.grid
+    }
+
+    /// How the values were coded.
+    pub fn coding(&self) -> &Coding {
+        &self.header.coding
+    }
+
+    /// The cut into blocks.
+    pub fn partition(&self) -> &Partition {
+        &self.header.partition
+    }
+
+    /// The sections of the file.
+    pub fn directory(&self) -> &Directory {
+        &self.directory
+    }
+
+    /// Number of blocks.
+    pub fn block_count(&self) -> usize {
+        self.header.partition.block_count()
+    }
+
+    /// Number of values of a block: positions times channels; the length of the buffer for [`Reader::block_into`].
+    ///
+    /// # Errors
+    /// `InvalidArgument` if there is no such block.
+    pub fn block_values(&self, block: usize) -> Result<usize> {
+        Ok(self.place(block)?.positions() * self.grid().channels().len())
+    }
+
+    /// Provenance and encoder report; empty if the file has none.
+    ///
+    /// # Errors
+    /// `Corrupt` if the section is damaged.
+    #[cfg(feature = "metadata")]
+    pub fn metadata(&self) -> Result<Metadata> {
+        match self.directory.find(directory::METADATA) {
+            Some(_) => Metadata::read(self.directory.open(self.data.as_ref(), directory::METADATA)?),
+            None => Ok(Metadata::default()),
+        }
+    }
+
+    fn place(&self, block: usize) -> Result<Block> {
+        self.header.partition.block(block).ok_or_else(|| {
+            Error::InvalidArgument(format!("block {block} does not exist, the file has {}", self.block_count()))
+        })
+    }
+
+    fn record(&self, block: usize) -> Result<Record<'_>> {
+        let range = self.index.record(block);
+        let offset = range.start as u64;
+        Record::read(&self.data.as_ref()[range], block as u32, offset)
+    }
+
+    fn decode_log(&self, block: usize, scratch: &mut Scratch) -> Result<Block> {
+        let place = self.place(block)?;
+        let record = self.record(block)?;
+        self.header.rebuild(&place, &record, self.index.means(block), scratch).map_err(|what| {
+            Error::corrupt("RECS", self.index.record(block).start as u64, format!("block {block}: {what}"))
+        })?;
+        Ok(place)
+    }
+
+    /// Rebuilds one block: BRDF values in 1/sr, `[channel][position]`, positions in the block's row-major order.
+    /// Missing entries hold what the recovery filled in.
+    ///
+    /// # Errors
+    /// `Corrupt` if the record is damaged, `InvalidArgument` if there is no such block or `out` has another length
+    /// than [`Reader::block_values`].
+    pub fn block_into(&self, block: usize, out: &mut [f32]) -> Result<()> {
+        self.block_with(block, &mut Scratch::default(), out)
+    }
+
+    /// As [`Reader::block_into`], with the caller's scratch.
+    pub fn block_with(&self, block: usize, scratch: &mut Scratch, out: &mut [f32]) -> Result<()> {
+        let expected = self.block_values(block)?;
+        if out.len() != expected {
+            return Err(Error::InvalidArgument(format!("block {block} has {expected} values, not {}", out.len())));
+        }
+        self.decode_log(block, scratch)?;
+        let eps = self.header.coding.eps as f32;
+        for (value, &log) in out.iter_mut().zip(&scratch.log) {
+            *value = inverse_tone_map(log, eps);
+        }
+        Ok(())
+    }
+
+    /// Validity of a block's entries, `[channel][position]`.
+    ///
+    /// # Errors
+    /// As [`Reader::block_into`].
+    pub fn block_validity(&self, block: usize) -> Result<Vec<bool>> {
+        let place = self.place(block)?;
+        let record = self.record(block)?;
+        let mut masks = Vec::new();
+        let mut decoder = Decoder::new(&self.header.probabilities, record.coded);
+        self.header.decode_masks(&place, record.class, &mut decoder, &mut masks);
+        let channels = self.grid().channels().len();
+        let copies = if record.class == ValidityClass::MaskPerChannel { 1 } else { channels };
+        Ok(masks.repeat(copies))
+    }
+
+    /// Where each entry of a block comes from, `[channel][position]`.
+    ///
+    /// # Errors
+    /// As [`Reader::block_into`].
+    pub fn block_origin(&self, block: usize) -> Result<Vec<Origin>> {
+        let place = self.place(block)?;
+        let valid = self.block_validity(block)?;
+        let horizon = Horizon::new(self.grid());
+        let mut origins: Vec<Origin> = positions(place.shape)
+            .map(|p| {
+                let at = std::array::from_fn(|a| place.origin[a] + p[a]);
+                if horizon.as_ref().is_some_and(|h| h.is_impossible(at)) { Origin::Impossible } else { Origin::Filled }
+            })
+            .collect();
+        origins = origins.repeat(self.grid().channels().len());
+        let n = place.positions();
+        for (channel, valid) in valid.chunks_exact(n).enumerate() {
+            let origins = &mut origins[channel * n..(channel + 1) * n];
+            for (origin, _) in origins.iter_mut().zip(valid).filter(|(_, valid)| **valid) {
+                *origin = Origin::Measured;
+            }
+            for position in sample_positions(self.block_seed(block), self.coding().sampling, valid) {
+                origins[position as usize] = Origin::Sampled;
+            }
+        }
+        Ok(origins)
+    }
+
+    fn block_seed(&self, block: usize) -> u64 {
+        block_seed(self.coding().seed, block as u32)
+    }
+
+    /// What the file says about one block.
+    ///
+    /// # Errors
+    /// As [`Reader::block_into`].
+    pub fn block_info(&self, block: usize) -> Result<BlockInfo> {
+        let place = self.place(block)?;
+        let class = self.record(block)?.class;
+        let valid = self.block_validity(block)?;
+        let planes = valid.chunks_exact(place.positions());
+        let seed = self.block_seed(block);
+        let sampling = self.coding().sampling;
+        let sampled = |valid: &[bool]| match sampling {
+            Sampling::Every => valid.iter().filter(|v| **v).count(),
+            Sampling::Bernoulli { .. } => sample_positions(seed, sampling, valid).len(),
+        };
+        let (rms, max) = self.index.errors(block);
+        Ok(BlockInfo {
+            block: place,
+            record: self.index.record(block),
+            class,
+            valid: planes.clone().map(|p| p.iter().filter(|v| **v).count()).collect(),
+            sampled: planes.map(sampled).collect(),
+            seed,
+            ratio: sampling.ratio(),
+            rms,
+            max,
+        })
+    }
+
+    fn check_table_size(&self) -> Result<usize> {
+        let values = self.grid().positions().saturating_mul(self.grid().channels().len());
+        if values > self.limits.table_values {
+            let limit = self.limits.table_values as u64;
+            return Err(Error::LimitExceeded { what: "values of the table", got: values as u64, limit });
+        }
+        Ok(values)
+    }
+}
+
+impl<D: AsRef<[u8]> + Sync> Reader<D> {
+    /// The whole table: BRDF values in 1/sr, one plane per channel, last axis fastest. Missing entries hold what
+    /// the recovery filled in.
+    ///
+    /// # Errors
+    /// `Corrupt` if a record is damaged, `LimitExceeded` if the table is above the caller's limit.
+    pub fn decode_all(&self) -> Result<Vec<f32>> {
+        let mut values = vec![0f32; self.check_table_size()?];
+        let eps = self.header.coding.eps as f32;
+        self.for_each_batch(
+            |_, scratch| scratch.log.iter().map(|&log| inverse_tone_map(log, eps)).collect::<Vec<f32>>(),
+            |batch| self.scatter(batch.iter().map(|(place, block)| (place, &block[..])), &mut values),
+        )?;
+        Ok(values)
+    }
+
+    /// The whole table in double precision and the source's units, with the validity of its entries.
+    ///
+    /// # Errors
+    /// As [`Reader::decode_all`].
+    pub fn decode_table(&self) -> Result<BrdfTable> {
+        let size = self.check_table_size()?;
+        let mut values = vec![0f64; size];
+        let mut valid = vec![false; size];
+        let eps = self.header.coding.eps;
+        let convert = |place: &Block, scratch: &Scratch| {
+            let mut block = Vec::with_capacity(scratch.log.len());
+            for (log, channel) in scratch.log.chunks_exact(place.positions()).zip(self.grid().channels()) {
+                // The scale is mostly below 1: what the tone map saturated would overflow again.
+                let unscale = |log: f32| (inverse_tone_map_f64(log, eps) / channel.scale).min(f64::MAX);
+                block.extend(log.iter().map(|&log| unscale(log)));
+            }
+            (block, self.header.masks_of(scratch))
+        };
+        self.for_each_batch(convert, |batch| {
+            self.scatter(batch.iter().map(|(place, (block, _))| (place, &block[..])), &mut values);
+            self.scatter(batch.iter().map(|(place, (_, masks))| (place, &masks[..])), &mut valid);
+        })?;
+        BrdfTable::from_parts(self.grid().clone(), values, valid)
+    }
+
+    /// Rebuilds all blocks in batches of bounded memory: `convert` takes each block's log values out of the
+    /// scratch, in parallel; `store` takes the batches, in order.
+    fn for_each_batch<B: Send>(
+        &self,
+        convert: impl Fn(&Block, &Scratch) -> B + Sync + Send,
+        mut store: impl FnMut(&[(Block, B)]),
+    ) -> Result<()> {
+        const BATCH: usize = 64;
+        for first in (0..self.block_count()).step_by(BATCH) {
+            let decode = |scratch: &mut Scratch, block: usize| {
+                let place = self.decode_log(block, scratch)?;
+                Ok((place, convert(&place, scratch)))
+            };
+            store(&map_blocks(first..(first + BATCH).min(self.block_count()), decode)?);
+        }
+        Ok(())
+    }
+
+    /// Copies blocks, `[channel][position]`, into planes, a plane at a time on each thread.
+    fn scatter<'a, T: Copy + Send + Sync + 'a>(
+        &self,
+        blocks: impl Iterator<Item = (&'a Block, &'a [T])> + Clone + Send + Sync,
+        planes: &mut [T],
+    ) {
+        let shape = self.grid().shape();
+        for_each_plane(planes, self.grid().positions(), |channel, plane| {
+            for (place, values) in blocks.clone() {
+                let n = place.positions();
+                place.scatter(shape, &values[channel * n..(channel + 1) * n], plane);
+            }
+        });
+    }
+
+    /// Checks every byte: all sections' checksums and, block by block, that each record decodes.
+    /// Returns what is damaged; nothing if the file is intact.
+    pub fn verify(&self) -> Vec<Error> {
+        let mut damage = Vec::new();
+        for section in self.directory.sections() {
+            let bytes = &self.data.as_ref()[section.range.clone()];
+            if crc32fast::hash(bytes) != section.crc {
+                let what = format!("checksum of section {} is wrong", section.name());
+                damage.push(Error::corrupt("section", section.range.start as u64, what));
+            }
+        }
+        #[cfg(feature = "metadata")]
+        damage.extend(self.metadata().err());
+        let check = |scratch: &mut Scratch, block: usize| Ok(self.decode_log(block, scratch).err());
+        match map_blocks(0..self.block_count(), check) {
+            Ok(found) => damage.extend(found.into_iter().flatten()),
+            Err(e) => damage.push(e),
+        }
+        damage
+    }
+}
+
+/// `work` on every block, in order of their numbers; the first error ends it.
+#[cfg(feature = "parallel")]
+fn map_blocks<T: Send>(
+    blocks: std::ops::Range<usize>,
+    work: impl Fn(&mut Scratch, usize) -> Result<T> + Sync + Send,
+) -> Result<Vec<T>> {
+    use rayon::prelude::*;
+    blocks.into_par_iter().map_init(Scratch::default, work).collect()
+}
+
+#[cfg(not(feature = "parallel"))]
+fn map_blocks<T>(blocks: std::ops::Range<usize>, work: impl Fn(&mut Scratch, usize) -> Result<T>) -> Result<Vec<T>> {
+    let mut scratch = Scratch::default();
+    blocks.map(|block| work(&mut scratch, block)).collect()
+}
+
+#[cfg(feature = "parallel")]
+fn for_each_plane<T: Send>(planes: &mut [T], n: usize, work: impl Fn(usize, &mut [T]) + Sync + Send) {
+    use rayon::prelude::*;
+    planes.par_chunks_mut(n).enumerate().for_each(|(channel, plane)| work(channel, plane));
+}
+
+#[cfg(not(feature = "parallel"))]
+fn for_each_plane<T>(planes: &mut [T], n: usize, work: impl Fn(usize, &mut [T])) {
+    planes.chunks_mut(n).enumerate().for_each(|(channel, plane)| work(channel, plane));
+}

@@ -1,0 +1,397 @@
+//! The encoder: table in, bytes of a file out (spec section 6).
+
+mod pack;
+mod recover;
+
+use std::time::Instant;
+
+use rayon::prelude::*;
+use serde_json::json;
+
+use crate::block::{Block, Partition};
+use crate::channel::{ChannelTransform, MAX_MATRIX_CHANNELS};
+use crate::error::{Error, Result};
+use crate::format::metadata::Metadata;
+use crate::fourier::Basis;
+use crate::grid::Grid;
+use crate::horizon::{Horizon, fit_threshold};
+use crate::quantize::{Quantizer, quantize_mean};
+use crate::sample::{Sampling, block_seed};
+use crate::table::BrdfTable;
+use crate::tone::tone_map;
+use recover::{Recoverer, Recovery, Solves};
+
+/// Named sets of settings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Preset {
+    /// The source paper's: DFT, 15 x 15 x 15 blocks, plain l1 recovery from 5 % of the entries.
+    Paper,
+    /// Every valid entry is a sample; DCT; one step for all.
+    Archive,
+}
+
+/// Whether colour channels are coded together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Channels {
+    /// Each channel alone.
+    Separate,
+    /// Three channels through the opponent transform, other numbers each alone.
+    Opponent,
+}
+
+/// Settings of an encode, then [`Encoder::encode`].
+#[derive(Clone, Debug)]
+pub struct Encoder {
+    basis: Basis,
+    block_shape: Vec<usize>,
+    sampling: Sampling,
+    seed: u64,
+    step: f32,
+    rounding: f64,
+    sigma: f64,
+    iterations: usize,
+    eps: f64,
+    channels: Channels,
+    metadata: Metadata,
+}
+
+/// A finished file and how it came about.
+#[derive(Clone, Debug)]
+pub struct Encoded {
+    /// The bytes of the file.
+    pub bytes: Vec<u8>,
+    /// Sizes, errors and cost.
+    pub report: Report,
+}
+
+/// What an encode achieved, measured with the decoder, and what it cost.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Report {
+    /// Entries of all channels.
+    pub entries: usize,
+    /// Valid ones among them.
+    pub valid: usize,
+    /// Sampled ones among these.
+    pub sampled: usize,
+    /// Blocks.
+    pub blocks: usize,
+    /// Root mean square error of ln(f + eps) over the valid entries.
+    pub log_rms: f64,
+    /// Largest error of ln(f + eps) over the valid entries.
+    pub log_max: f64,
+    /// l1 problems solved, their iterations, and how many ended above sigma.
+    pub solves: usize,
+    /// Iterations of all solves.
+    pub iterations: usize,
+    /// Solves that ended above their sigma.
+    pub missed_sigma: usize,
+    /// Wall seconds: recovery and quantisation, coding and checking.
+    pub seconds: [f64; 2],
+}
+
+/// A block after quantisation.
+struct Quantized {
+    /// `[component][position]`, the first of each plane zero.
+    coefficients: Vec<i32>,
+    means: Vec<i32>,
+    /// Sums over magnitudes 1, and 2 and above: how far below the integer the coefficient was, in steps; counts.
+    shortfall: [(f64, u64); 2],
+    sampled: usize,
+    cost: Solves,
+}
+
+impl Default for Encoder {
+    fn default() -> Self {
+        Encoder::new()
+    }
+}
+
+impl Encoder {
+    /// An encoder with the settings of [`Preset::Archive`].
+    pub fn new() -> Encoder {
+        Encoder {
+            basis: Basis::Dct,
+            block_shape: vec![15, 15, 15],
+            sampling: Sampling::Every,
+            seed: 0,
+            step: 0.1,
+            rounding: 0.4,
+            sigma: 0.01,
+            iterations: 100,
+            eps: 1e-3,
+            channels: Channels::Opponent,
+            metadata: Metadata::default(),
+        }
+    }
+
+    /// All settings but seed and metadata from a preset.
+    pub fn preset(self, preset: Preset) -> Encoder {
+        let base = Encoder { seed: self.seed, metadata: self.metadata, ..Encoder::new() };
+        match preset {
+            Preset::Archive => base,
+            Preset::Paper => Encoder {
+                basis: Basis::Dft,
+                sampling: Sampling::from_ratio(0.05).expect("within the range"),
+                sigma: 1e-3,
+                iterations: 300,
+                channels: Channels::Separate,
+                ..base
+            },
+        }
+    }
+
+    /// Basis of the coefficients.
+    pub fn basis(self, basis: Basis) -> Encoder {
+        Encoder { basis, ..self }
+    }
+
+    /// Block length along each axis of the table, slowest first; clipped to the grid. A shape with fewer entries
+    /// than the table has axes is padded in front with ones.
+    pub fn block_shape(self, shape: &[usize]) -> Encoder {
+        Encoder { block_shape: shape.to_vec(), ..self }
+    }
+
+    /// Share of the entries to sample.
+    pub fn sampling(self, sampling: Sampling) -> Encoder {
+        Encoder { sampling, ..self }
+    }
+
+    /// Seed of the sampling.
+    pub fn seed(self, seed: u64) -> Encoder {
+        Encoder { seed, ..self }
+    }
+
+    /// Quantiser step in the log domain: smaller is better and larger. The rms error of a noiseless table comes to
+    /// about a tenth of it.
+    pub fn quality(self, step: f32) -> Encoder {
+        Encoder { step, ..self }
+    }
+
+    /// Magnitudes are rounded up from this fraction of a step, 0 to 0.5.
+    pub fn rounding(self, rounding: f64) -> Encoder {
+        Encoder { rounding, ..self }
+    }
+
+    /// Constant of the tone map ln(f + eps), 1/sr; below it values lose relative precision.
+    pub fn eps(self, eps: f64) -> Encoder {
+        Encoder { eps, ..self }
+    }
+
+    /// Rms residual that the l1 recovery may leave at the samples, log domain.
+    pub fn sigma(self, sigma: f64) -> Encoder {
+        Encoder { sigma, ..self }
+    }
+
+    /// Most iterations of one l1 solve.
+    pub fn iterations(self, iterations: usize) -> Encoder {
+        Encoder { iterations, ..self }
+    }
+
+    /// Whether colour channels are coded together.
+    pub fn channels(self, channels: Channels) -> Encoder {
+        Encoder { channels, ..self }
+    }
+
+    /// Provenance to store; the encoder adds its settings and what it achieved.
+    pub fn metadata(self, metadata: Metadata) -> Encoder {
+        Encoder { metadata, ..self }
+    }
+
+    fn check(&self, grid: &Grid) -> Result<Partition> {
+        let bad = |what: String| Err(Error::InvalidArgument(what));
+        if !(self.step.is_finite() && self.step > 0.0) {
+            return bad(format!("quality (the quantiser step) is {}, must be positive", self.step));
+        }
+        if !(self.eps.is_finite() && self.eps > 0.0) {
+            return bad(format!("eps is {}, must be positive", self.eps));
+        }
+        if !(0.0..=0.5).contains(&self.rounding) {
+            return bad(format!("rounding is {}, must be within 0 to 0.5", self.rounding));
+        }
+        if !(self.sigma.is_finite() && self.sigma >= 0.0) {
+            return bad(format!("sigma is {}, must not be negative", self.sigma));
+        }
+        if self.block_shape.len() > 4 || self.block_shape.is_empty() {
+            return bad(format!("a block shape has 1 to 4 lengths, not {}", self.block_shape.len()));
+        }
+        let mut shape = [1; 4];
+        shape[4 - self.block_shape.len()..].copy_from_slice(&self.block_shape);
+        Partition::uniform(grid.shape(), shape)
+    }
+
+    /// Encodes a table. The same table, settings and seed give the same bytes, whatever the number of threads.
+    ///
+    /// Missing entries are filled by the same recovery and stay marked as missing.
+    ///
+    /// # Errors
+    /// `InvalidArgument` if a setting is out of range or no entry is valid.
+    pub fn encode(&self, table: &BrdfTable) -> Result<Encoded> {
+        self.encode_with(table, &|_| {})
+    }
+
+    /// As [`Encoder::encode`]; `progress` is called with the share of the work done, 0 to 1, from any thread.
+    pub fn encode_with(&self, table: &BrdfTable, progress: &(dyn Fn(f64) + Sync)) -> Result<Encoded> {
+        let start = Instant::now();
+        let grid = table.grid();
+        let channels = grid.channels().len();
+        let partition = self.check(grid)?;
+        if !table.valid().contains(&true) {
+            return Err(Error::InvalidArgument(
+                "the table has no valid entry: all are negative, NaN or infinite; nothing to encode".into(),
+            ));
+        }
+        let common_mask = (1..channels).all(|c| table.valid_plane(c) == table.valid_plane(0));
+        let transform = match self.channels {
+            Channels::Opponent if channels == 3 && common_mask && channels <= MAX_MATRIX_CHANNELS => {
+                ChannelTransform::opponent()
+            }
+            _ => ChannelTransform::None,
+        };
+        let recovery = Recovery {
+            basis: self.basis,
+            sampling: self.sampling,
+            sigma_rms: self.sigma,
+            iterations: self.iterations,
+        };
+        let done = std::sync::atomic::AtomicUsize::new(0);
+        let count = partition.block_count();
+        let blocks: Vec<Quantized> = (0..count)
+            .into_par_iter()
+            .map_init(
+                || Recoverer::new(recovery),
+                |recoverer, number| {
+                    let block = partition.block(number).expect("number is below the count");
+                    let quantized = self.quantize_block(table, &transform, recoverer, number, &block);
+                    let done = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
+                    progress(0.8 * done as f64 / count as f64);
+                    quantized
+                },
+            )
+            .collect();
+        let recovered = start.elapsed().as_secs_f64();
+
+        let header = pack::Plan {
+            coding: crate::format::header::Coding {
+                basis: self.basis,
+                eps: self.eps,
+                sampling: self.sampling,
+                seed: self.seed,
+                transform,
+                steps: vec![self.step; channels],
+                shrink: shrink(&blocks),
+                horizon: fit_horizon(table),
+            },
+            partition,
+        };
+        let packed = pack::pack(table, header, blocks.iter().map(|b| (&b.coefficients[..], &b.means[..])).collect())?;
+        progress(1.0);
+        let cost = |part: fn(&Solves) -> usize| blocks.iter().map(|b| part(&b.cost)).sum();
+        let mut report = Report {
+            entries: table.values().len(),
+            valid: table.valid_count(),
+            sampled: blocks.iter().map(|b| b.sampled).sum(),
+            blocks: count,
+            log_rms: packed.log_rms,
+            log_max: packed.log_max,
+            solves: cost(|c| c.solves),
+            iterations: cost(|c| c.iterations),
+            missed_sigma: cost(|c| c.missed),
+            seconds: [recovered, 0.0],
+        };
+        let metadata = self.describe(&report)?;
+        let bytes = packed.finish(&metadata.write()?);
+        report.seconds[1] = start.elapsed().as_secs_f64() - recovered;
+        Ok(Encoded { bytes, report })
+    }
+
+    /// The caller's metadata with the encoder's settings and results.
+    fn describe(&self, report: &Report) -> Result<Metadata> {
+        let tool = concat!("csbrdf ", env!("CARGO_PKG_VERSION"));
+        let encoder = json!({
+            "basis": self.basis.as_str(),
+            "block_shape": self.block_shape,
+            "sampling": self.sampling.ratio(),
+            "seed": self.seed,
+            "quality": self.step,
+            "rounding": self.rounding,
+            "sigma": self.sigma,
+            "valid": report.valid,
+            "sampled": report.sampled,
+            "log_rms": report.log_rms,
+            "log_max": report.log_max,
+        });
+        Ok(Metadata { tool: Some(tool.into()), encoder: Some(encoder), ..self.metadata.clone() })
+    }
+
+    /// Stages one to five of a block: tone map, channel transform, sampling, recovery, quantiser.
+    fn quantize_block(
+        &self,
+        table: &BrdfTable,
+        transform: &ChannelTransform,
+        recoverer: &mut Recoverer,
+        number: usize,
+        block: &Block,
+    ) -> Quantized {
+        let n = block.positions();
+        let channels = table.grid().channels().len();
+        let (mut log, valid) = gather_log(table, block, self.eps);
+        transform.forward(&mut log, channels);
+        let seed = block_seed(self.seed, number as u32);
+        let mut coefficients = vec![0; channels * n];
+        let mut means = vec![0; channels];
+        let mut shortfall = [(0.0, 0); 2];
+        let mut sampled = 0;
+        let mut cost = Solves::default();
+        for c in 0..channels {
+            let values = &mut log[c * n..(c + 1) * n];
+            sampled += recoverer.recover(block.shape, seed, values, &valid[c * n..(c + 1) * n], &mut cost);
+            means[c] = quantize_mean(self.step, values[0]);
+            for (q, &value) in coefficients[c * n..(c + 1) * n].iter_mut().zip(values.iter()).skip(1) {
+                *q = Quantizer::quantize(self.step, self.rounding, value);
+                if *q != 0 {
+                    let sum = &mut shortfall[usize::from(q.unsigned_abs() > 1)];
+                    sum.0 += f64::from(q.unsigned_abs()) - value.abs() / f64::from(self.step);
+                    sum.1 += 1;
+                }
+            }
+        }
+        Quantized { coefficients, means, shortfall, sampled, cost }
+    }
+}
+
+/// Log values and validity of a block, `[channel][position]`; zero where not valid.
+fn gather_log(table: &BrdfTable, block: &Block, eps: f64) -> (Vec<f64>, Vec<bool>) {
+    let grid = table.grid();
+    let n = block.positions();
+    let mut values = vec![0.0; n * grid.channels().len()];
+    let mut valid = vec![false; values.len()];
+    for (c, channel) in grid.channels().iter().enumerate() {
+        let values = &mut values[c * n..(c + 1) * n];
+        let valid = &mut valid[c * n..(c + 1) * n];
+        block.gather(grid.shape(), table.plane(c), values);
+        block.gather(grid.shape(), table.valid_plane(c), valid);
+        for (value, &valid) in values.iter_mut().zip(valid.iter()) {
+            // Source values up to f64::MAX times a scale above 1 may overflow: the log stays finite all the same.
+            *value = if valid { tone_map((*value * channel.scale).min(f64::MAX / 2.0), eps) } else { 0.0 };
+        }
+    }
+    (values, valid)
+}
+
+/// Mean shortfall of the coefficients below their integers, in 1/256 of a step: where the decoder rebuilds them.
+fn shrink(blocks: &[Quantized]) -> [i8; 2] {
+    [0, 1].map(|i| {
+        let (sum, count) = blocks.iter().fold((0.0, 0), |(s, n), b| (s + b.shortfall[i].0, n + b.shortfall[i].1));
+        if count == 0 { 0 } else { (256.0 * sum / count as f64).round().clamp(-128.0, 127.0) as i8 }
+    })
+}
+
+/// Elevation of the table's horizon, if the grid has one and predicting from it is better than not.
+fn fit_horizon(table: &BrdfTable) -> Option<f64> {
+    let horizon = Horizon::new(table.grid())?;
+    let n = table.grid().positions();
+    let any: Vec<bool> = (0..n).map(|i| (0..table.grid().channels().len()).any(|c| table.valid_plane(c)[i])).collect();
+    let invalid = any.iter().filter(|v| !**v).count();
+    let (threshold, wrong) = fit_threshold(&horizon, table.grid().shape(), &any);
+    (wrong < invalid).then_some(threshold)
+}

@@ -1,0 +1,144 @@
+//! From a block's log values to its coefficients: sampling and l1 recovery (spec sections 4.3 and 4.5).
+
+use std::collections::HashMap;
+
+use crate::fourier::forward::Transform;
+use crate::fourier::{Basis, partners};
+use crate::sample::{Sampling, sample_positions};
+use crate::solve::Operator;
+use crate::solve::norm::Norm;
+use crate::solve::spgl1::{self, Options};
+
+/// Point sampling of the inverse transform: coefficients to the samples at `positions`.
+struct SampledBasis<'a> {
+    transform: &'a mut Transform,
+    positions: &'a [u32],
+    block: Vec<f64>,
+}
+
+impl Operator for SampledBasis<'_> {
+    fn rows(&self) -> usize {
+        self.positions.len()
+    }
+
+    fn cols(&self) -> usize {
+        self.block.len()
+    }
+
+    fn forward(&mut self, coefficients: &[f64], samples: &mut [f64]) {
+        self.block.copy_from_slice(coefficients);
+        self.transform.synthesize(&mut self.block);
+        for (sample, &p) in samples.iter_mut().zip(self.positions) {
+            *sample = self.block[p as usize];
+        }
+    }
+
+    fn adjoint(&mut self, samples: &[f64], coefficients: &mut [f64]) {
+        coefficients.fill(0.0);
+        for (sample, &p) in samples.iter().zip(self.positions) {
+            coefficients[p as usize] = *sample;
+        }
+        self.transform.analyze(coefficients);
+    }
+}
+
+/// What the recovery of a block's component needs to know.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Recovery {
+    pub(super) basis: Basis,
+    pub(super) sampling: Sampling,
+    /// Bound on the rms residual at the samples, log domain.
+    pub(super) sigma_rms: f64,
+    /// Most iterations of one solve.
+    pub(super) iterations: usize,
+}
+
+/// Cost and outcome of the solves of a block.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Solves {
+    pub(super) solves: usize,
+    pub(super) iterations: usize,
+    /// Solves that ended above their sigma.
+    pub(super) missed: usize,
+}
+
+/// The recovery with its plans and norms by block shape; one a thread.
+pub(super) struct Recoverer {
+    recovery: Recovery,
+    plans: HashMap<[usize; 4], (Transform, Norm)>,
+}
+
+impl Recoverer {
+    pub(super) fn new(recovery: Recovery) -> Recoverer {
+        Recoverer { recovery, plans: HashMap::new() }
+    }
+
+    /// Replaces log values by coefficients. `valid` flags the values that may be looked at; the others are holes.
+    /// Gives the number of samples.
+    pub(super) fn recover(
+        &mut self,
+        shape: [usize; 4],
+        seed: u64,
+        values: &mut [f64],
+        valid: &[bool],
+        cost: &mut Solves,
+    ) -> usize {
+        let recovery = self.recovery;
+        let (transform, norm) = self.plans.entry(shape).or_insert_with(|| {
+            let n = values.len();
+            let norm = match recovery.basis {
+                Basis::Dct => Norm::l1(n),
+                Basis::Dft => Norm::new(n, None, Some(&partners(shape))).expect("partners of this shape"),
+            };
+            (Transform::new(recovery.basis, shape), norm)
+        });
+        let positions = sample_positions(seed, recovery.sampling, valid);
+        if positions.len() == values.len() {
+            // All of an orthonormal transform's values are known: the coefficients follow without a solve.
+            transform.analyze(values);
+            return positions.len();
+        }
+        if positions.is_empty() {
+            values.fill(0.0);
+            return 0;
+        }
+        // The mean is no sparse feature: taken out, so that the norm does not pull it to zero.
+        let mut samples: Vec<f64> = positions.iter().map(|&p| values[p as usize]).collect();
+        let mean = samples.iter().sum::<f64>() / samples.len() as f64;
+        samples.iter_mut().for_each(|s| *s -= mean);
+        let mut operator = SampledBasis { transform, positions: &positions, block: vec![0.0; values.len()] };
+        let sigma = recovery.sigma_rms * (samples.len() as f64).sqrt();
+        let mut options = Options::default();
+        options.max_iterations = recovery.iterations;
+        options.gap_tolerance = 0.1;
+        let solution = spgl1::bpdn(&mut operator, &samples, sigma, norm, &options);
+        cost.solves += 1;
+        match solution {
+            Ok(solution) => {
+                cost.iterations += solution.iterations;
+                cost.missed += usize::from(!solution.reached_sigma(sigma));
+                if recovery.sampling == Sampling::Every {
+                    // Every valid value is known better than the recovery has it: it supplies the holes alone.
+                    let mut filled = solution.coefficients;
+                    transform.synthesize(&mut filled);
+                    for ((value, &valid), fill) in values.iter_mut().zip(valid).zip(&filled) {
+                        if !valid {
+                            *value = fill + mean;
+                        }
+                    }
+                    transform.analyze(values);
+                } else {
+                    values.copy_from_slice(&solution.coefficients);
+                    values[0] += mean * (values.len() as f64).sqrt();
+                }
+            }
+            // Not reached with finite samples and sigma; a flat block is the safe answer all the same.
+            Err(_) => {
+                cost.missed += 1;
+                values.fill(0.0);
+                values[0] = mean * (values.len() as f64).sqrt();
+            }
+        }
+        positions.len()
+    }
+}

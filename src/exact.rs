@@ -1,0 +1,185 @@
+//! Elementary functions with one result on every machine (spec section 2).
+//!
+//! The system's `cos` and `exp` differ between platforms; a decoder must not. These use only the correctly
+//! rounded operations of IEEE 754 in the order written here, which Rust neither reorders nor contracts.
+
+use std::f64::consts::{FRAC_2_PI, FRAC_PI_2, FRAC_PI_4};
+
+/// `1/(2k)!` with alternating sign, k = 9 down to 1: cosine less its leading 1.
+const COS: [f64; 9] = [
+    -1.0 / 6402373705728000.0,
+    1.0 / 20922789888000.0,
+    -1.0 / 87178291200.0,
+    1.0 / 479001600.0,
+    -1.0 / 3628800.0,
+    1.0 / 40320.0,
+    -1.0 / 720.0,
+    1.0 / 24.0,
+    -1.0 / 2.0,
+];
+
+/// `1/(2k+1)!` with alternating sign, k = 9 down to 1: sine over x, less its leading 1.
+const SIN: [f64; 9] = [
+    -1.0 / 121645100408832000.0,
+    1.0 / 355687428096000.0,
+    -1.0 / 1307674368000.0,
+    1.0 / 6227020800.0,
+    -1.0 / 39916800.0,
+    1.0 / 362880.0,
+    -1.0 / 5040.0,
+    1.0 / 120.0,
+    -1.0 / 6.0,
+];
+
+/// `1/k!`, k = 13 down to 0.
+const EXP64: [f64; 14] = [
+    1.0 / 6227020800.0,
+    1.0 / 479001600.0,
+    1.0 / 39916800.0,
+    1.0 / 3628800.0,
+    1.0 / 362880.0,
+    1.0 / 40320.0,
+    1.0 / 5040.0,
+    1.0 / 720.0,
+    1.0 / 120.0,
+    1.0 / 24.0,
+    1.0 / 6.0,
+    1.0 / 2.0,
+    1.0,
+    1.0,
+];
+
+/// `1/k!` in single precision, k = 7 down to 0.
+const EXP32: [f32; 8] = [1.0 / 5040.0, 1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 1.0 / 2.0, 1.0, 1.0];
+
+/// ln 2 in two parts; the first has enough trailing zeros for exact products with any exponent.
+const LN2_HI: f64 = f64::from_bits(0x3FE6_2E42_FEE0_0000);
+const LN2_LO: f64 = f64::from_bits(0x3DEA_39EF_3579_3C76);
+const LN2_HI32: f32 = f32::from_bits(0x3F31_7200);
+const LN2_LO32: f32 = f32::from_bits(0x35BF_BE8E);
+
+/// Adding this to a small number rounds it to an integer, half to even, and leaves the integer in the low bits.
+const ROUND64: f64 = 6755399441055744.0;
+const ROUND32: f32 = 12582912.0;
+
+fn horner(coefficients: &[f64], x: f64) -> f64 {
+    coefficients.iter().fold(0.0, |sum, c| sum * x + c)
+}
+
+/// Cosine and sine for |x| <= pi/4.
+fn cos_kernel(x: f64) -> f64 {
+    let z = x * x;
+    horner(&COS, z) * z + 1.0
+}
+
+fn sin_kernel(x: f64) -> f64 {
+    let z = x * x;
+    horner(&SIN, z) * z * x + x
+}
+
+/// `cos(2 pi p / q)`, exact where it is 0 or +-1.
+pub(crate) fn cos_turn(p: u64, q: u64) -> f64 {
+    // In eighths of a turn times q: first to half a turn, then to a quarter, then to an eighth.
+    let eighths = (8 * p) % (8 * q);
+    let eighths = eighths.min(8 * q - eighths);
+    let (eighths, sign) = if eighths > 2 * q { (4 * q - eighths, -1.0) } else { (eighths, 1.0) };
+    if eighths <= q {
+        sign * cos_kernel(eighths as f64 / q as f64 * FRAC_PI_4)
+    } else {
+        sign * sin_kernel((2 * q - eighths) as f64 / q as f64 * FRAC_PI_4)
+    }
+}
+
+/// Sine and cosine of an angle of at most a few turns.
+pub(crate) fn sin_cos(angle: f64) -> (f64, f64) {
+    let turns = angle * FRAC_2_PI + ROUND64;
+    let quarter = turns.to_bits() & 3;
+    let rest = angle - (turns - ROUND64) * FRAC_PI_2;
+    let (sin, cos) = (sin_kernel(rest), cos_kernel(rest));
+    match quarter {
+        0 => (sin, cos),
+        1 => (cos, -sin),
+        2 => (-sin, -cos),
+        _ => (-cos, sin),
+    }
+}
+
+/// exp(x) in double precision, 0 below -708, saturating at the largest finite value.
+pub(crate) fn exp64(x: f64) -> f64 {
+    if x < -708.0 {
+        return 0.0;
+    }
+    let x = x.min(710.0);
+    let shifted = x * std::f64::consts::LOG2_E + ROUND64;
+    let n = shifted - ROUND64;
+    let exponent = shifted.to_bits().wrapping_sub(ROUND64.to_bits());
+    let r = (x - n * LN2_HI) - n * LN2_LO;
+    // Half the power first: 2^1024 is not finite, but exp(709.7) is.
+    let half_power = f64::from_bits(exponent.wrapping_add(1022) << 52);
+    (horner(&EXP64, r) * half_power * 2.0).min(f64::MAX)
+}
+
+/// exp(x) in single precision, 0 below -86, saturating at the largest finite value; branch-free, so that it vectorises.
+#[inline(always)]
+pub(crate) fn exp32(x: f32) -> f32 {
+    let clamped = x.clamp(-86.0, 89.0);
+    let shifted = clamped * std::f32::consts::LOG2_E + ROUND32;
+    let n = shifted - ROUND32;
+    let exponent = shifted.to_bits().wrapping_sub(ROUND32.to_bits());
+    let r = (clamped - n * LN2_HI32) - n * LN2_LO32;
+    let mut sum = EXP32[0];
+    for c in &EXP32[1..] {
+        sum = sum * r + c;
+    }
+    let half_power = f32::from_bits(exponent.wrapping_add(126) << 23);
+    let value = (sum * half_power * 2.0).min(f32::MAX);
+    if x < -86.0 { 0.0 } else { value }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cosines_agree_with_the_system_library() {
+        for q in [1u64, 2, 3, 4, 7, 8, 60, 360, 720, 65536 * 4] {
+            for p in (0..2 * q).step_by(1 + q as usize / 1000) {
+                let expected = (2.0 * std::f64::consts::PI * p as f64 / q as f64).cos();
+                assert!((cos_turn(p, q) - expected).abs() < 4e-15, "{p}/{q}");
+            }
+        }
+        assert_eq!(cos_turn(1, 4), 0.0);
+        assert_eq!(cos_turn(3, 4), 0.0);
+        assert_eq!(cos_turn(1, 2), -1.0);
+        for i in -1000..1000 {
+            let x = f64::from(i) * 0.0123;
+            let (sin, cos) = sin_cos(x);
+            assert!((sin - x.sin()).abs() < 4e-15 && (cos - x.cos()).abs() < 4e-15, "{x}");
+        }
+    }
+
+    #[test]
+    fn exponentials_agree_with_the_system_library() {
+        for i in -70000..70900 {
+            let x = f64::from(i) * 0.01;
+            assert!((exp64(x) / x.exp() - 1.0).abs() < 1e-15, "{x}: {} {}", exp64(x), x.exp());
+        }
+        for i in -85999..88700 {
+            let x = i as f32 * 0.001;
+            let expected = f64::from(x).exp();
+            assert!((f64::from(exp32(x)) / expected - 1.0).abs() < 2e-7, "{x}");
+        }
+    }
+
+    #[test]
+    fn exponentials_saturate() {
+        assert_eq!(exp64(f64::INFINITY), f64::MAX);
+        assert_eq!(exp64(1e300), f64::MAX);
+        assert_eq!(exp64(f64::NEG_INFINITY), 0.0);
+        assert_eq!(exp32(f32::INFINITY), f32::MAX);
+        assert_eq!(exp32(1e30), f32::MAX);
+        assert_eq!(exp32(f32::NEG_INFINITY), 0.0);
+        assert!(exp64(709.7).is_finite() && exp64(709.7) > 1e308);
+        assert!(exp32(88.7).is_finite() && exp32(88.7) > 3.3e38);
+    }
+}

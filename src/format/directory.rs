@@ -1,0 +1,297 @@
+//! Preamble and section table (spec section 3.1): what is where, checked before anything else is looked at.
+
+use std::ops::Range;
+
+use crate::bits::ByteReader;
+use crate::error::{Error, Result};
+use crate::format::{END_MARKER, MAGIC, MAX_SECTIONS, VERSION};
+
+/// Bytes before the section table.
+pub(crate) const PREAMBLE: usize = 32;
+/// Bytes of one entry of the section table.
+pub(crate) const ENTRY: usize = 20;
+
+/// Section identifiers that this version knows, in file order.
+pub(crate) const GRID: &str = "GRID";
+pub(crate) const CODING: &str = "CODE";
+pub(crate) const PARTITION: &str = "PART";
+pub(crate) const PROBABILITIES: &str = "PROB";
+pub(crate) const INDEX: &str = "INDX";
+pub(crate) const METADATA: &str = "META";
+pub(crate) const RECORDS: &str = "RECS";
+
+/// Name used in errors for the bytes before the first section.
+const DIRECTORY: &str = "section table";
+
+/// Flag of sections that a reader may skip when it does not know them.
+const SKIPPABLE: u32 = 1;
+
+/// One section of a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Section {
+    /// Four ASCII characters.
+    pub id: [u8; 4],
+    /// True if a reader that does not know the section may go on.
+    pub skippable: bool,
+    /// Bytes of the section within the file.
+    pub range: Range<usize>,
+    /// CRC-32 of these bytes.
+    pub crc: u32,
+}
+
+impl Section {
+    /// The identifier as text.
+    pub fn name(&self) -> String {
+        self.id.escape_ascii().to_string()
+    }
+}
+
+/// The sections of a file, by name.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Directory {
+    sections: Vec<Section>,
+}
+
+impl Directory {
+    /// Reads preamble, section table and end marker; touches no section.
+    pub(crate) fn read(data: &[u8]) -> Result<Directory> {
+        // Magic: eight bytes that show text-mode damage.
+        if !data.starts_with(&MAGIC) {
+            return Err(not_csbrdf(data));
+        }
+        let mut preamble = ByteReader::new(data, 0, DIRECTORY);
+        preamble.bytes(MAGIC.len())?;
+        // Version: major, minor, draft number (0 in final versions).
+        let found = (preamble.u16()?, preamble.u16()?, preamble.u16()?);
+        if found.0 != VERSION.0 || found.2 != VERSION.2 {
+            return Err(Error::UnsupportedVersion { found });
+        }
+        // Number of sections.
+        let count = usize::from(preamble.u16()?);
+        if count == 0 || count > MAX_SECTIONS {
+            return Err(preamble.corrupt(format!("{count} sections, allowed are 1 to {MAX_SECTIONS}")));
+        }
+        // Length of the whole file, so that truncation is certain to be seen.
+        let length = preamble.u64()?;
+        if (data.len() as u64) < length {
+            return Err(Error::Truncated { section: "file", expected: length, got: data.len() as u64 });
+        }
+        if data.len() as u64 > length {
+            return Err(Error::corrupt("file", length, format!("{} bytes follow the end", data.len() as u64 - length)));
+        }
+        // Reserved, zero.
+        let reserved = preamble.u32()?;
+        // CRC-32 of the preamble up to here and the section table.
+        let crc = preamble.u32()?;
+        let mut table = ByteReader::new(data, 0, DIRECTORY);
+        table.bytes(PREAMBLE)?;
+        let entries = table.bytes(count * ENTRY)?;
+        let mut hasher = crc32fast::Hasher::new();
+        hasher.update(&data[..PREAMBLE - 4]);
+        hasher.update(entries);
+        check_crc(DIRECTORY, 0, crc, hasher.finalize())?;
+        if reserved != 0 {
+            return Err(Error::corrupt(DIRECTORY, 24, format!("reserved field holds {reserved}, not 0")));
+        }
+
+        let mut table = ByteReader::new(entries, PREAMBLE as u64, DIRECTORY);
+        let mut sections = Vec::with_capacity(count);
+        let mut start = PREAMBLE + entries.len();
+        let end = data.len().saturating_sub(END_MARKER.len());
+        for _ in 0..count {
+            let at = table.offset();
+            // Identifier, flags, length in bytes, CRC-32. Sections follow each other without gaps.
+            let id: [u8; 4] = table.bytes(4)?.try_into().expect("four bytes");
+            let flags = table.u32()?;
+            let length = table.u64()?;
+            let crc = table.u32()?;
+            if flags & !SKIPPABLE != 0 {
+                return Err(Error::corrupt(DIRECTORY, at + 4, format!("reserved flags {flags:#x} are set")));
+            }
+            let stop = usize::try_from(length).ok().and_then(|n| start.checked_add(n)).filter(|&stop| stop <= end);
+            let Some(stop) = stop else {
+                let what = format!("section {} of {length} bytes ends beyond the file", id.escape_ascii());
+                return Err(Error::corrupt(DIRECTORY, at + 8, what));
+            };
+            sections.push(Section { id, skippable: flags & SKIPPABLE != 0, range: start..stop, crc });
+            start = stop;
+        }
+        if start != end {
+            let what = format!("sections end at {start}, the end marker begins at {end}");
+            return Err(Error::corrupt(DIRECTORY, PREAMBLE as u64, what));
+        }
+        // End marker: the last eight bytes.
+        if data[end..] != END_MARKER {
+            return Err(Error::corrupt("end marker", end as u64, "missing; the file was cut or overwritten"));
+        }
+        let directory = Directory { sections };
+        directory.check_names()?;
+        Ok(directory)
+    }
+
+    /// Every known section at most once; unknown ones only if they may be skipped.
+    fn check_names(&self) -> Result<()> {
+        let known = [GRID, CODING, PARTITION, PROBABILITIES, INDEX, METADATA, RECORDS];
+        for (i, section) in self.sections.iter().enumerate() {
+            let at = (PREAMBLE + i * ENTRY) as u64;
+            if !known.iter().any(|name| name.as_bytes() == section.id) {
+                if !section.skippable {
+                    let what = format!("section {} is unknown and may not be skipped", section.name());
+                    return Err(Error::corrupt(DIRECTORY, at, what));
+                }
+            } else if self.sections[..i].iter().any(|other| other.id == section.id) {
+                return Err(Error::corrupt(DIRECTORY, at, format!("section {} occurs twice", section.name())));
+            }
+        }
+        Ok(())
+    }
+
+    /// All sections in file order.
+    pub fn sections(&self) -> &[Section] {
+        &self.sections
+    }
+
+    /// The section named so, if present.
+    pub(crate) fn find(&self, name: &str) -> Option<&Section> {
+        self.sections.iter().find(|s| s.id == name.as_bytes())
+    }
+
+    /// A reader over the section named so, its CRC checked.
+    pub(crate) fn open<'a>(&self, data: &'a [u8], name: &'static str) -> Result<ByteReader<'a>> {
+        let section = self.require(name)?;
+        let bytes = &data[section.range.clone()];
+        let offset = section.range.start as u64;
+        check_crc(name, offset, section.crc, crc32fast::hash(bytes))?;
+        Ok(ByteReader::new(bytes, offset, name))
+    }
+
+    /// The section named so.
+    pub(crate) fn require(&self, name: &'static str) -> Result<&Section> {
+        self.find(name).ok_or_else(|| Error::corrupt(DIRECTORY, PREAMBLE as u64, format!("section {name} is missing")))
+    }
+}
+
+/// Fails unless the checksums agree. Fuzzing goes past checksums, which it could not guess.
+pub(crate) fn check_crc(section: &'static str, offset: u64, expected: u32, got: u32) -> Result<()> {
+    if expected == got || cfg!(fuzzing) {
+        return Ok(());
+    }
+    let what = format!("checksum is {got:08x}, expected {expected:08x}; the bytes were damaged, fetch them again");
+    Err(Error::corrupt(section, offset, what))
+}
+
+fn not_csbrdf(data: &[u8]) -> Error {
+    let mut unix = MAGIC.to_vec();
+    unix.remove(4);
+    if !data.is_empty() && MAGIC.starts_with(data) {
+        return Error::Truncated { section: DIRECTORY, expected: PREAMBLE as u64, got: data.len() as u64 };
+    }
+    let looks_like = match data {
+        [] => "the file is empty",
+        d if d.starts_with(&unix[..4]) => "line ends were converted: transfer the file in binary mode",
+        d if d.len() > 3 && d[0] == MAGIC[0] & 0x7F && d[1..4] == MAGIC[1..4] => {
+            "the high bit was stripped: transfer the file in binary mode"
+        }
+        [0x5A, 0, 0, 0, ..] => "it looks like a MERL table",
+        d if d.starts_with(b"tensor_file") => "it looks like an RGL tensor file",
+        d if d.iter().take(256).all(|&b| b.is_ascii_graphic() || b.is_ascii_whitespace()) => "it looks like text",
+        _ => "unknown contents",
+    };
+    Error::NotCsbrdf { looks_like }
+}
+
+#[cfg(feature = "encode")]
+pub(crate) use write::write_file;
+
+#[cfg(feature = "encode")]
+mod write {
+    use super::*;
+    use crate::bits::ByteWriter;
+
+    /// A whole file from its sections: name, skippable, bytes.
+    pub(crate) fn write_file(sections: &[(&str, bool, Vec<u8>)]) -> Vec<u8> {
+        let body: usize = sections.iter().map(|s| s.2.len()).sum();
+        let length = PREAMBLE + sections.len() * ENTRY + body + END_MARKER.len();
+        let mut table = ByteWriter::default();
+        for (name, skippable, bytes) in sections {
+            table.bytes(name.as_bytes());
+            table.u32(if *skippable { SKIPPABLE } else { 0 });
+            table.u64(bytes.len() as u64);
+            table.u32(crc32fast::hash(bytes));
+        }
+        let mut file = ByteWriter(Vec::with_capacity(length));
+        file.bytes(&MAGIC);
+        file.u16(VERSION.0);
+        file.u16(VERSION.1);
+        file.u16(VERSION.2);
+        file.u16(sections.len() as u16);
+        file.u64(length as u64);
+        file.u32(0);
+        let mut hasher = crc32fast::Hasher::new();
+        hasher.update(&file.0);
+        hasher.update(&table.0);
+        file.u32(hasher.finalize());
+        file.bytes(&table.0);
+        for (_, _, bytes) in sections {
+            file.bytes(bytes);
+        }
+        file.bytes(&END_MARKER);
+        file.0
+    }
+}
+
+#[cfg(all(test, feature = "encode"))]
+mod tests {
+    use super::*;
+
+    fn sample() -> Vec<u8> {
+        write_file(&[(GRID, false, vec![1, 2, 3]), ("XTRA", true, vec![]), (INDEX, false, vec![4])])
+    }
+
+    #[test]
+    fn sections_are_found_and_checked() {
+        let data = sample();
+        let directory = Directory::read(&data).unwrap();
+        assert_eq!(directory.sections().len(), 3);
+        assert_eq!(directory.open(&data, GRID).unwrap().bytes(3).unwrap(), [1, 2, 3]);
+        assert!(directory.open(&data, RECORDS).is_err());
+        let mut bad = data.clone();
+        bad[PREAMBLE + 3 * ENTRY] ^= 1;
+        assert!(Directory::read(&bad).unwrap().open(&bad, GRID).is_err());
+    }
+
+    #[test]
+    fn every_flip_and_cut_of_the_directory_is_seen() {
+        let data = sample();
+        for bit in 0..8 * (PREAMBLE + 3 * ENTRY) {
+            let mut bad = data.clone();
+            bad[bit / 8] ^= 1 << (bit % 8);
+            assert!(Directory::read(&bad).is_err(), "bit {bit}");
+        }
+        for cut in 0..data.len() {
+            assert!(Directory::read(&data[..cut]).is_err(), "cut {cut}");
+        }
+    }
+
+    #[test]
+    fn unknown_sections_are_skipped_only_if_they_say_so() {
+        assert!(Directory::read(&write_file(&[("XTRA", true, vec![])])).is_ok());
+        let refused = Directory::read(&write_file(&[("XTRA", false, vec![])])).unwrap_err();
+        assert!(refused.to_string().contains("XTRA"));
+        assert!(Directory::read(&write_file(&[(GRID, false, vec![]), (GRID, false, vec![])])).is_err());
+    }
+
+    #[test]
+    fn other_files_are_named() {
+        let says = |data: &[u8]| Directory::read(data).unwrap_err().to_string();
+        assert!(says(b"").contains("empty"));
+        assert!(says(b"hello, world").contains("text"));
+        assert!(says(&[0x5A, 0, 0, 0, 0x5A, 0]).contains("MERL"));
+        assert!(says(b"\x8BCSB\n\x1A\n").contains("line ends"));
+        assert!(says(b"\x0BCSB\r\n\x1A\n").contains("high bit"));
+        assert!(says(&MAGIC[..5]).contains("truncated"));
+        let mut newer = sample();
+        newer[8] = 2;
+        assert!(says(&newer).contains("version 2.0"), "{}", says(&newer));
+    }
+}

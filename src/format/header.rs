@@ -1,0 +1,367 @@
+//! The header sections: GRID, CODE, PART and PROB (spec sections 3.2 to 3.5).
+
+use crate::bits::ByteReader;
+use crate::block::Partition;
+use crate::channel::{ChannelTransform, MAX_MATRIX_CHANNELS};
+use crate::error::{Error, Result};
+use crate::format::{MAX_BLOCK_VALUES, MAX_CHANNELS};
+use crate::fourier::Basis;
+use crate::grid::{Axis, AxisName, Channel, Grid, Mapping};
+use crate::sample::Sampling;
+
+/// How a file's values were coded: everything that its blocks share.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Coding {
+    /// Basis of the coefficients.
+    pub basis: Basis,
+    /// Constant of the tone map ln(f + eps), 1/sr.
+    pub eps: f64,
+    /// Sampling of the valid entries.
+    pub sampling: Sampling,
+    /// Seed from which every block's seed is derived.
+    pub seed: u64,
+    /// Transform over the channels.
+    pub transform: ChannelTransform,
+    /// Quantiser step of each component.
+    pub steps: Vec<f32>,
+    /// Reconstruction shrink of magnitudes 1, and 2 and above, in 1/256 of a step.
+    pub shrink: [i8; 2],
+    /// Elevation (cosine) from which bins are predicted valid; `None`: all are.
+    pub horizon: Option<f64>,
+}
+
+/// Tone maps: 1 is ln(f + eps).
+const TONE_LN: u8 = 1;
+/// Entropy coders: 1 is the adaptive binary range coder of spec sections 4.6 and 4.7.
+const ENTROPY_RANGE: u8 = 1;
+
+/// A finite positive number.
+fn positive(reader: &ByteReader, name: &str, value: f64) -> Result<f64> {
+    if value.is_finite() && value > 0.0 {
+        return Ok(value);
+    }
+    Err(reader.corrupt(format!("{name} is {value}, must be positive and finite")))
+}
+
+/// One of the codes of a reserved-beyond enumeration.
+fn one_of<T: Copy>(reader: &ByteReader, name: &str, all: &[T], code: u8) -> Result<T> {
+    all.get(usize::from(code)).copied().ok_or_else(|| reader.corrupt(format!("{name} {code} is reserved")))
+}
+
+fn zero(reader: &ByteReader, value: u32) -> Result<()> {
+    if value == 0 { Ok(()) } else { Err(reader.corrupt(format!("reserved field holds {value}, not 0"))) }
+}
+
+/// An argument error of a constructor, at this place in the file.
+fn here(reader: &ByteReader) -> impl Fn(Error) -> Error {
+    let place = reader.clone();
+    move |e| place.corrupt(e.to_string())
+}
+
+pub(crate) fn read_grid(mut r: ByteReader) -> Result<Grid> {
+    // Number of axes, 1 to 4.
+    let axes = r.u8()?;
+    let mut list = Vec::new();
+    for _ in 0..axes.min(5) {
+        // Each axis: name, mapping, two reserved bytes, length, angles of its two ends.
+        let name = r.u8()?;
+        let name = one_of(&r, "axis name", &AxisName::ALL, name)?;
+        let mapping = r.u8()?;
+        let mapping = one_of(&r, "axis mapping", &[Mapping::Linear, Mapping::Square], mapping)?;
+        let reserved = r.u16()?;
+        zero(&r, reserved.into())?;
+        let len = r.u32()? as usize;
+        list.push(Axis { name, len, mapping, start: r.f64()?, end: r.f64()? });
+    }
+    // Number of channels, 1 to 4096.
+    let count = usize::from(r.u16()?);
+    if count > MAX_CHANNELS {
+        return Err(r.corrupt(format!("{count} channels, at most {MAX_CHANNELS} are allowed")));
+    }
+    let mut channels = Vec::new();
+    for _ in 0..count {
+        // Each channel: scale of the source's units, wavelength in nm (0 for none), length of the name, name.
+        let scale = r.f64()?;
+        let scale = positive(&r, "channel scale", scale)?;
+        let wavelength = r.f64()?;
+        let length = usize::from(r.u8()?);
+        let bytes = r.bytes(length)?;
+        let name = std::str::from_utf8(bytes).map_err(|_| r.corrupt("channel name is not UTF-8"))?;
+        let wavelength = (wavelength.to_bits() != 0).then_some(wavelength);
+        channels.push(Channel { name: name.to_string(), wavelength, scale });
+    }
+    let grid = Grid::new(list, channels).map_err(here(&r))?;
+    r.finish()?;
+    Ok(grid)
+}
+
+pub(crate) fn read_coding(mut r: ByteReader, channels: usize) -> Result<Coding> {
+    // Basis: 0 DCT-II, 1 DFT.
+    let basis = r.u8()?;
+    let basis = one_of(&r, "basis", &[Basis::Dct, Basis::Dft], basis)?;
+    // Tone map: 1.
+    let tone = r.u8()?;
+    if tone != TONE_LN {
+        return Err(r.corrupt(format!("tone map {tone} is reserved")));
+    }
+    // Entropy coder: 1.
+    let entropy = r.u8()?;
+    if entropy != ENTROPY_RANGE {
+        return Err(r.corrupt(format!("entropy coder {entropy} is reserved")));
+    }
+    // Channel transform: 0 none, 1 matrix.
+    let transform = r.u8()?;
+    // Shrink of magnitude 1, and of 2 and above, in 1/256 of a step, signed.
+    let shrink = [r.u8()? as i8, r.u8()? as i8];
+    // Horizon: 0 none, 1 threshold follows at its place.
+    let has_horizon = r.u8()?;
+    // Reserved.
+    let reserved = r.u8()?;
+    zero(&r, reserved.into())?;
+    // Constant of the tone map.
+    let eps = r.f64()?;
+    let eps = positive(&r, "eps", eps)?;
+    // Elevation of the horizon, a cosine; 0 where there is none.
+    let threshold = r.f64()?;
+    let horizon = match has_horizon {
+        0 if threshold.to_bits() == 0 => None,
+        1 if (-1.0..=1.0).contains(&threshold) => Some(threshold),
+        _ => return Err(r.corrupt(format!("horizon flag {has_horizon} with elevation {threshold}"))),
+    };
+    // Seed of the file.
+    let seed = r.u64()?;
+    // Sampling ratio times 2^32; 0 stands for every valid entry.
+    let sampling = match r.u32()? {
+        0 => Sampling::Every,
+        threshold => Sampling::Bernoulli { threshold },
+    };
+    // Quantiser step of each component.
+    let mut steps = Vec::with_capacity(channels);
+    for _ in 0..channels {
+        let step = r.f32()?;
+        positive(&r, "quantiser step", step.into())?;
+        steps.push(step);
+    }
+    // Matrix of the channel transform, row after row.
+    let transform = match transform {
+        0 => ChannelTransform::None,
+        1 if channels <= MAX_MATRIX_CHANNELS => {
+            let mut matrix = Vec::with_capacity(channels * channels);
+            for _ in 0..channels * channels {
+                let entry = r.f32()?;
+                if !(-1.001..=1.001).contains(&entry) {
+                    return Err(r.corrupt(format!("channel matrix holds {entry}, not within -1 to 1")));
+                }
+                matrix.push(entry);
+            }
+            ChannelTransform::Matrix(matrix)
+        }
+        other => return Err(r.corrupt(format!("channel transform {other} of {channels} channels is reserved"))),
+    };
+    r.finish()?;
+    Ok(Coding { basis, eps, sampling, seed, transform, steps, shrink, horizon })
+}
+
+pub(crate) fn read_partition(mut r: ByteReader, grid: &Grid) -> Result<Partition> {
+    let axes = grid.axes().len();
+    let mut shape = |r: &mut ByteReader| -> Result<[usize; 4]> {
+        let mut shape = [1; 4];
+        for n in &mut shape[4 - axes..] {
+            *n = r.u32()? as usize;
+        }
+        Ok(shape)
+    };
+    // Shape of a tile, one length an axis.
+    let tile = shape(&mut r)?;
+    // Number of block shapes less one, then the shapes.
+    let count = usize::from(r.u8()?) + 1;
+    let shapes = (0..count).map(|_| shape(&mut r)).collect::<Result<Vec<_>>>()?;
+    if tile.contains(&0) {
+        return Err(r.corrupt("a tile has length zero"));
+    }
+    // Shape number of each tile; the product cannot overflow, grids are bounded.
+    let tiles: usize = (0..4).map(|i| grid.shape()[i].div_ceil(tile[i])).product();
+    let choice = r.bytes(tiles)?.to_vec();
+    let partition = Partition::tiled(grid.shape(), tile, shapes, choice).map_err(here(&r))?;
+    let channels = grid.channels().len();
+    if let Some(large) = partition.shapes().iter().find(|s| s.iter().product::<usize>() * channels > MAX_BLOCK_VALUES) {
+        return Err(r.corrupt(format!("block {large:?} of {channels} channels is above {MAX_BLOCK_VALUES} values")));
+    }
+    r.finish()?;
+    Ok(partition)
+}
+
+pub(crate) fn read_probabilities(mut r: ByteReader, contexts: usize) -> Result<Vec<u16>> {
+    // Number of contexts, fixed by the entropy coder.
+    let count = usize::from(r.u16()?);
+    if count != contexts {
+        return Err(r.corrupt(format!("{count} contexts, the entropy coder has {contexts}")));
+    }
+    // One bit a context, low bit first: whether its probability follows; the others start at one half.
+    let used = r.bytes(contexts.div_ceil(8))?;
+    let mut probabilities = vec![1 << 15; contexts];
+    for (i, probability) in probabilities.iter_mut().enumerate() {
+        if used[i / 8] >> (i % 8) & 1 == 1 {
+            // Probability of a one in 1/65536, 1 and up.
+            *probability = r.u16()?;
+            if *probability == 0 {
+                return Err(r.corrupt(format!("probability of context {i} is zero")));
+            }
+        }
+    }
+    if contexts % 8 != 0 && used[contexts / 8] >> (contexts % 8) != 0 {
+        return Err(r.corrupt("bits beyond the last context are set"));
+    }
+    r.finish()?;
+    Ok(probabilities)
+}
+
+#[cfg(feature = "encode")]
+pub(crate) use write::*;
+
+#[cfg(feature = "encode")]
+mod write {
+    use super::*;
+    use crate::bits::ByteWriter;
+
+    pub(crate) fn write_grid(grid: &Grid) -> Vec<u8> {
+        let mut w = ByteWriter::default();
+        w.u8(grid.axes().len() as u8);
+        for axis in grid.axes() {
+            w.u8(axis.name as u8);
+            w.u8(axis.mapping as u8);
+            w.u16(0);
+            w.u32(axis.len as u32);
+            w.f64(axis.start);
+            w.f64(axis.end);
+        }
+        w.u16(grid.channels().len() as u16);
+        for channel in grid.channels() {
+            w.f64(channel.scale);
+            w.f64(channel.wavelength.unwrap_or(0.0));
+            w.u8(channel.name.len() as u8);
+            w.bytes(channel.name.as_bytes());
+        }
+        w.0
+    }
+
+    pub(crate) fn write_coding(coding: &Coding) -> Vec<u8> {
+        let mut w = ByteWriter::default();
+        w.u8(coding.basis as u8);
+        w.u8(TONE_LN);
+        w.u8(ENTROPY_RANGE);
+        w.u8(u8::from(coding.transform != ChannelTransform::None));
+        w.u8(coding.shrink[0] as u8);
+        w.u8(coding.shrink[1] as u8);
+        w.u8(u8::from(coding.horizon.is_some()));
+        w.u8(0);
+        w.f64(coding.eps);
+        w.f64(coding.horizon.unwrap_or(0.0));
+        w.u64(coding.seed);
+        w.u32(match coding.sampling {
+            Sampling::Every => 0,
+            Sampling::Bernoulli { threshold } => threshold,
+        });
+        coding.steps.iter().for_each(|&step| w.f32(step));
+        if let ChannelTransform::Matrix(matrix) = &coding.transform {
+            matrix.iter().for_each(|&entry| w.f32(entry));
+        }
+        w.0
+    }
+
+    pub(crate) fn write_partition(partition: &Partition, axes: usize) -> Vec<u8> {
+        let mut w = ByteWriter::default();
+        let shape = |w: &mut ByteWriter, shape: [usize; 4]| shape[4 - axes..].iter().for_each(|&n| w.u32(n as u32));
+        shape(&mut w, partition.tile());
+        w.u8((partition.shapes().len() - 1) as u8);
+        partition.shapes().iter().for_each(|&s| shape(&mut w, s));
+        w.bytes(partition.tile_shapes());
+        w.0
+    }
+
+    pub(crate) fn write_probabilities(probabilities: &[u16]) -> Vec<u8> {
+        let mut w = ByteWriter::default();
+        w.u16(probabilities.len() as u16);
+        let mut used = vec![0u8; probabilities.len().div_ceil(8)];
+        for (i, &p) in probabilities.iter().enumerate() {
+            used[i / 8] |= u8::from(p != 1 << 15) << (i % 8);
+        }
+        w.bytes(&used);
+        probabilities.iter().filter(|&&p| p != 1 << 15).for_each(|&p| w.u16(p));
+        w.0
+    }
+}
+
+#[cfg(all(test, feature = "encode"))]
+mod tests {
+    use super::*;
+
+    fn reader(bytes: &[u8]) -> ByteReader<'_> {
+        ByteReader::new(bytes, 0, "TEST")
+    }
+
+    fn spectral() -> Grid {
+        let axis = |name, len| Axis { name, len, mapping: Mapping::Linear, start: 0.0, end: 1.5 };
+        let axes = vec![axis(AxisName::ThetaI, 3), axis(AxisName::PhiI, 5), axis(AxisName::ThetaO, 4), axis(AxisName::PhiO, 7)];
+        let channel = |i| Channel { name: String::new(), wavelength: Some(400.0 + f64::from(i)), scale: 1.0 };
+        Grid::new(axes, (0..195).map(channel).collect()).unwrap()
+    }
+
+    #[test]
+    fn grids_round_trip_and_reject_reserved_values() {
+        for grid in [Grid::merl(180), Grid::merl(360), spectral()] {
+            let bytes = write_grid(&grid);
+            assert_eq!(read_grid(reader(&bytes)).unwrap(), grid);
+            for cut in 0..bytes.len() {
+                assert!(read_grid(reader(&bytes[..cut])).is_err());
+            }
+            for (at, value) in [(0, 5), (0, 0), (1, 9), (2, 2), (3, 1)] {
+                let mut bad = bytes.clone();
+                bad[at] = value;
+                assert!(read_grid(reader(&bad)).is_err(), "byte {at} = {value}");
+            }
+        }
+    }
+
+    #[test]
+    fn codings_round_trip_and_reject_reserved_values() {
+        let coding = Coding {
+            basis: Basis::Dft,
+            eps: 1e-3,
+            sampling: Sampling::from_ratio(0.05).unwrap(),
+            seed: 99,
+            transform: ChannelTransform::opponent(),
+            steps: vec![0.1, 0.2, 0.3],
+            shrink: [20, -3],
+            horizon: Some(-0.061),
+        };
+        let bytes = write_coding(&coding);
+        assert_eq!(read_coding(reader(&bytes), 3).unwrap(), coding);
+        for (at, value) in [(0, 2), (1, 0), (2, 0), (3, 2), (6, 2), (7, 1)] {
+            let mut bad = bytes.clone();
+            bad[at] = value;
+            assert!(read_coding(reader(&bad), 3).is_err(), "byte {at} = {value}");
+        }
+        let nan = Coding { eps: f64::NAN, ..coding.clone() };
+        assert!(read_coding(reader(&write_coding(&nan)), 3).is_err());
+        let zero = Coding { steps: vec![0.1, 0.0, 0.1], ..coding };
+        assert!(read_coding(reader(&write_coding(&zero)), 3).is_err());
+    }
+
+    #[test]
+    fn partitions_and_probabilities_round_trip() {
+        let grid = Grid::merl(180);
+        let tiled = Partition::tiled(grid.shape(), [1, 45, 90, 180], vec![[1, 15, 15, 15], [1, 9, 9, 36]], vec![1, 0]);
+        for partition in [tiled.unwrap(), Partition::uniform(grid.shape(), [1, 15, 15, 15]).unwrap()] {
+            let bytes = write_partition(&partition, 3);
+            assert_eq!(read_partition(reader(&bytes), &grid).unwrap(), partition);
+            for cut in 0..bytes.len() {
+                assert!(read_partition(reader(&bytes[..cut]), &grid).is_err());
+            }
+        }
+        let probabilities: Vec<u16> = (0..77).map(|i| if i % 3 == 0 { 1 << 15 } else { 1 + i * 500 }).collect();
+        let bytes = write_probabilities(&probabilities);
+        assert_eq!(read_probabilities(reader(&bytes), 77).unwrap(), probabilities);
+        assert!(read_probabilities(reader(&bytes), 78).is_err());
+    }
+}

@@ -1,0 +1,112 @@
+//! The orthonormal bases, and synthesis from their coefficients in the decoder's exact arithmetic (spec section 4.4).
+//!
+//! Coefficients of a block have the block's shape. Along each axis they are ordered by frequency, low ones first,
+//! so that what matters gathers in the corner at index 0.
+
+mod dct;
+mod dft;
+#[cfg(feature = "encode")]
+pub mod forward;
+
+use std::sync::OnceLock;
+
+use crate::exact::cos_turn;
+
+#[cfg(feature = "encode")]
+pub use dft::partners;
+
+/// An orthonormal basis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[repr(u8)]
+pub enum Basis {
+    /// Separable DCT-II.
+    Dct = 0,
+    /// Discrete Fourier transform of a real signal. Of each pair of conjugate coefficients c, c* the one of lower
+    /// index holds sqrt(2) Re c and the other sqrt(2) Im c, c being the coefficient at the lower index.
+    Dft = 1,
+}
+
+impl Basis {
+    /// Name on the command line and in reports.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Basis::Dct => "dct",
+            Basis::Dft => "dft",
+        }
+    }
+}
+
+/// Extents of the coefficients in use: along each axis those at this index and beyond are zero.
+pub type Extents = [usize; 4];
+
+/// The tables of one axis length.
+#[derive(Debug)]
+struct AxisTable {
+    n: usize,
+    /// DCT: `[k][i]` for the first half of the positions. DFT: `cos(2 pi j / n) / sqrt(n)` for j in 0..n.
+    cos: Vec<f32>,
+    /// DFT: `sin(2 pi j / n) / sqrt(n)`.
+    sin: Vec<f32>,
+}
+
+impl AxisTable {
+    fn new(basis: Basis, n: usize) -> AxisTable {
+        match basis {
+            Basis::Dct => {
+                let half = n.div_ceil(2);
+                let length = n as u64;
+                let turn: Vec<f64> = (0..4 * length).map(|j| cos_turn(j, 4 * length)).collect();
+                let mut cos = Vec::with_capacity(n * half);
+                for k in 0..n {
+                    let norm = (if k == 0 { 1.0 } else { 2.0 } / n as f64).sqrt();
+                    cos.extend((0..half).map(|i| (turn[k * (2 * i + 1) % (4 * n)] * norm) as f32));
+                }
+                AxisTable { n, cos, sin: Vec::new() }
+            }
+            Basis::Dft => {
+                let norm = (1.0 / n as f64).sqrt();
+                let quarter = |j: usize| cos_turn((4 * j + 3 * n) as u64, 4 * n as u64);
+                let cos = (0..n).map(|j| (cos_turn(j as u64, n as u64) * norm) as f32).collect();
+                let sin = (0..n).map(|j| (quarter(j) * norm) as f32).collect();
+                AxisTable { n, cos, sin }
+            }
+        }
+    }
+}
+
+/// Rebuilds blocks from coefficients; keeps the tables of the axis lengths it was made for.
+#[derive(Debug)]
+pub(crate) struct Synthesis {
+    basis: Basis,
+    tables: Vec<(usize, OnceLock<AxisTable>)>,
+}
+
+impl Synthesis {
+    /// For blocks whose axis lengths are among `lengths`; tables are made at first use.
+    pub(crate) fn new(basis: Basis, lengths: &[usize]) -> Synthesis {
+        let mut lengths = lengths.to_vec();
+        lengths.sort_unstable();
+        lengths.dedup();
+        Synthesis { basis, tables: lengths.into_iter().map(|n| (n, OnceLock::new())).collect() }
+    }
+
+    fn axis(&self, n: usize) -> &AxisTable {
+        let at = self.tables.binary_search_by_key(&n, |t| t.0).expect("lengths come from the same partition");
+        self.tables[at].1.get_or_init(|| AxisTable::new(self.basis, n))
+    }
+
+    /// Replaces the coefficients in `values` by the values of the block; `scratch` is resized as needed.
+    pub(crate) fn synthesize(
+        &self,
+        shape: [usize; 4],
+        extents: Extents,
+        values: &mut [f32],
+        scratch: &mut Vec<f32>,
+    ) {
+        let axes = shape.map(|n| self.axis(n));
+        match self.basis {
+            Basis::Dct => dct::synthesize(axes, extents, values, scratch),
+            Basis::Dft => dft::synthesize(axes, values, scratch),
+        }
+    }
+}

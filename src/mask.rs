@@ -1,0 +1,93 @@
+//! Validity masks of blocks, predicted from the horizon (spec section 4.8).
+
+use crate::block::Block;
+use crate::horizon::{Horizon, positions};
+use crate::range::Coder;
+
+const BANDS: usize = 8;
+/// Number of contexts for masks.
+pub(crate) const CONTEXTS: usize = BANDS * 8;
+
+/// Width of a band of elevations that share contexts.
+const BAND: f64 = 0.01;
+
+/// Predicts validity from a file's horizon threshold, or "all valid" where there is none.
+#[derive(Clone, Debug)]
+pub(crate) struct MaskModel {
+    horizon: Option<(Horizon, f64)>,
+}
+
+impl MaskModel {
+    pub(crate) fn new(horizon: Option<Horizon>, threshold: Option<f64>) -> MaskModel {
+        MaskModel { horizon: horizon.zip(threshold) }
+    }
+
+    /// Band of elevations of each position of a block; those of `BANDS / 2` and above are predicted valid.
+    fn bands(&self, block: &Block) -> Vec<u8> {
+        let Some((horizon, threshold)) = &self.horizon else { return vec![BANDS as u8 - 1; block.positions()] };
+        let half = (BANDS / 2) as f64;
+        positions(block.shape)
+            .map(|p| {
+                let above = horizon.elevation(std::array::from_fn(|a| block.origin[a] + p[a])) - threshold;
+                if above >= 0.0 {
+                    (half + above / BAND).min(2.0 * half - 1.0) as u8
+                } else {
+                    (half - 1.0 + above / BAND).max(0.0) as u8
+                }
+            })
+            .collect()
+    }
+
+    /// The mask that the horizon alone predicts.
+    pub(crate) fn predict(&self, block: &Block) -> Vec<bool> {
+        self.bands(block).iter().map(|&band| usize::from(band) >= BANDS / 2).collect()
+    }
+
+    /// Codes masks `[mask][position]` of a block; a decoder overwrites what it is given.
+    pub(crate) fn code<C: Coder>(&self, coder: &mut C, contexts: usize, block: &Block, masks: &mut [bool]) {
+        let bands = self.bands(block);
+        let n = block.positions();
+        let [_, _, n2, n3] = block.shape;
+        for m in 0..masks.len() / n {
+            let (done, mask) = masks.split_at_mut(m * n);
+            let sister = done.len().checked_sub(n).map(|start| &done[start..]);
+            for i in 0..n {
+                let predicted = usize::from(bands[i]) >= BANDS / 2;
+                let left = if i % n3 > 0 { mask[i - 1] } else { predicted };
+                let above = if i / n3 % n2 > 0 { mask[i - n3] } else { predicted };
+                let sister = sister.map_or(predicted, |s| s[i]);
+                let context = usize::from(bands[i]) * 8 + usize::from(left) * 4 + usize::from(above) * 2;
+                mask[i] = coder.bit(contexts + context + usize::from(sister), mask[i]);
+            }
+        }
+    }
+}
+
+#[cfg(all(test, feature = "encode"))]
+mod tests {
+    use super::*;
+    use crate::grid::Grid;
+    use crate::range::{Decoder, Encoder};
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn decoding_undoes_coding(flips in prop::collection::vec(any::<u16>(), 0..60), threshold in prop::option::of(-0.1f64..0.5)) {
+            let block = Block { origin: [0, 60, 45, 30], shape: [1, 7, 8, 9] };
+            let n = block.positions();
+            let model = MaskModel::new(Horizon::new(&Grid::merl(180)), threshold);
+            let mut masks = [model.predict(&block), model.predict(&block)].concat();
+            for flip in flips {
+                let at = usize::from(flip) % (2 * n);
+                masks[at] = !masks[at];
+            }
+            let probabilities = vec![30000; CONTEXTS];
+            let mut encoder = Encoder::new(&probabilities);
+            model.code(&mut encoder, 0, &block, &mut masks.clone());
+            let bytes = encoder.finish();
+            let mut decoded = vec![false; 2 * n];
+            model.code(&mut Decoder::new(&probabilities, &bytes), 0, &block, &mut decoded);
+            prop_assert_eq!(decoded, masks);
+        }
+    }
+}

@@ -1,0 +1,25 @@
+//! l1 recovery of coefficients from samples (spec section 4.5; encoder only).
+//!
+//! The problems, for samples y = A s with A = (point sampling) x (inverse transform):
+//! basis pursuit denoise  min ||W s||_1  subject to  ||A s - y||_2 <= sigma,
+//! LASSO                  min ||A s - y||_2  subject to  ||W s||_1 <= tau.
+
+pub mod ball;
+mod descent;
+pub mod norm;
+mod pareto;
+pub mod spgl1;
+mod vector;
+
+
+/// A linear map between coefficients (columns) and samples (rows), with its adjoint.
+pub trait Operator {
+    /// Number of samples.
+    fn rows(&self) -> usize;
+    /// Number of coefficients.
+    fn cols(&self) -> usize;
+    /// samples = A coefficients.
+    fn forward(&mut self, coefficients: &[f64], samples: &mut [f64]);
+    /// coefficients = A^T samples.
+    fn adjoint(&mut self, samples: &[f64], coefficients: &mut [f64]);
+}

@@ -1,0 +1,234 @@
+//! Root finding on the Pareto curve (van den Berg & Friedlander 2008, sections 2 and 3), on normalised samples.
+//!
+//! phi(tau) = min { ||y - A s|| : ||W s||_1 <= tau } is convex and decreasing, with slope -||A^T r||* / ||r||; the
+//! BPDN solution is the point with phi(tau) = sigma. Newton's method runs on it while the subproblems are still being
+//! solved. Every residual r, optimal or not, is a dual point and proves the bounds
+//!
+//!   ||W s||_1 >= (<y, r> - sigma ||r||) / ||A^T r||*   for every s with ||y - A s|| <= sigma,
+//!   ||y - A s|| >= (<y, r> - tau ||A^T r||*) / ||r||   for every s with ||W s||_1 <= tau,
+//!
+//! so the best bound so far costs nothing, holds Newton's steps from below, and gives the duality gap.
+
+use super::Operator;
+use super::descent::{Descent, Moved};
+use super::norm::Norm;
+use super::spgl1::{Options, Stop};
+use super::vector::{dot, scale};
+
+/// Newton steps follow when ||r||^2 changes by less than this fraction a step (spgl1's dec_tol) ...
+const SETTLED: f64 = 1e-4;
+/// ... or, within a factor 2 of sigma, by less than this fraction times |residual - sigma|.
+const SETTLED_NEAR_ROOT: f64 = 0.1;
+/// ||A^T r|| / ||r|| relative to its value at s = 0 below which r is orthogonal to the range of A.
+const LEAST_SQUARES: f64 = 1e-7;
+/// Residuals this far below the tolerance mean that tau is past the root of a sigma near 0.
+const PAST_ROOT: f64 = 0.1;
+/// Smallest sigma for which solutions are scaled back to the residual sigma; below it the scale would round to 1.
+const SCALABLE: f64 = 1e-6;
+/// Largest tau: beyond all norms of solutions of normalised problems, and its products are finite.
+pub(super) const TAU_LIMIT: f64 = 1e150;
+
+/// A result for samples of unit norm.
+pub(super) struct Outcome {
+    pub(super) s: Vec<f64>,
+    pub(super) residual: f64,
+    pub(super) gap: f64,
+    pub(super) iterations: usize,
+    pub(super) transforms: usize,
+    pub(super) stop: Stop,
+}
+
+/// The best point so far.
+struct Best {
+    s: Vec<f64>,
+    residual: f64,
+    /// ||W s||_1, known only where sigma was reached; infinite before.
+    norm: f64,
+}
+
+impl Best {
+    fn take(&mut self, s: &[f64], factor: f64, residual: f64, norm: f64) {
+        self.s.copy_from_slice(s);
+        if factor != 1.0 {
+            scale(&mut self.s, factor);
+        }
+        (self.residual, self.norm) = (residual, norm);
+    }
+}
+
+/// Basis pursuit denoise for ||y|| = 1 and 0 <= sigma < 1; `tolerance` is that of the residual.
+pub(super) fn bpdn<O: Operator + ?Sized>(
+    op: &mut O,
+    y: &[f64],
+    sigma: f64,
+    tolerance: f64,
+    norm: &Norm,
+    options: &Options,
+    start: Option<&[f64]>,
+) -> Outcome {
+    let mut descent = Descent::new(op, norm, y);
+    let mut best = Best { s: vec![0.0; norm.cols()], residual: 1.0, norm: f64::INFINITY };
+    let yy = descent.rr;
+    let first_cc = dot(&descent.c, &descent.c);
+    // Lower bound of the optimal norm.
+    let mut lower = 0.0f64;
+    let mut tau = 0.0f64;
+    if let Some(start) = start {
+        let start_norm = norm.primal(start).min(TAU_LIMIT);
+        lower = ((yy - sigma) / norm.dual(&descent.c)).min(TAU_LIMIT).max(0.0);
+        descent.restart(start, start_norm);
+        tau = start_norm;
+        if !(descent.rr < yy) {
+            // Worse than nothing.
+            tau = 0.0;
+            descent.shrink(tau);
+        }
+    }
+    let mut last_rr = descent.rr;
+    let mut newton_last = false;
+    let mut stationary = false;
+    // Tau was past the root: from then on only the lower bound is awaited.
+    let mut certifying = false;
+    let mut iterations = 0;
+
+    let stop = loop {
+        let residual = descent.rr.sqrt();
+        let cc = dot(&descent.c, &descent.c);
+        if !(cc.is_finite() && residual.is_finite()) {
+            break Stop::NotFinite;
+        }
+        let dual = norm.dual(&descent.c);
+        let yr = dot(y, &descent.r);
+
+        let excess = residual - sigma;
+        if excess <= tolerance {
+            let (factor, residual) = scale_to_sphere(yy, yr, descent.rr, sigma);
+            let size = factor * norm.primal(&descent.s);
+            if size < best.norm {
+                best.take(&descent.s, factor, residual, size);
+            }
+        } else if best.norm.is_infinite() && residual < best.residual {
+            best.take(&descent.s, 1.0, residual, f64::INFINITY);
+        }
+        let bound = (yr - sigma * residual) / dual;
+        if bound > lower {
+            lower = bound.min(TAU_LIMIT);
+        }
+        if best.norm.is_finite() {
+            if relative_gap(best.norm, lower) <= options.gap_tolerance {
+                break Stop::Converged;
+            }
+        } else if cc <= (LEAST_SQUARES * residual).powi(2) * first_cc {
+            break Stop::LeastSquares;
+        }
+        if iterations >= options.max_iterations {
+            break if best.norm.is_finite() { Stop::SigmaReached } else { Stop::IterationLimit };
+        }
+
+        // Newton's step for tau, as soon as the subproblem is nearly solved, at most every second iteration.
+        let change = (descent.rr - last_rr).abs();
+        let settled = if excess > sigma {
+            change <= SETTLED * descent.rr
+        } else {
+            change <= SETTLED_NEAR_ROOT * descent.rr * excess.abs()
+        };
+        let mut target = tau.max(lower);
+        newton_last = !certifying && (stationary || settled && !newton_last);
+        if newton_last {
+            target = (tau + residual * excess / dual).max(lower).min(TAU_LIMIT);
+        }
+        if excess <= tolerance && residual <= PAST_ROOT * tolerance {
+            target = lower.max((1.0 - 0.5 * options.gap_tolerance).max(0.5) * best.norm);
+            certifying = true;
+        }
+        if stationary && (target - tau).abs() <= 4.0 * f64::EPSILON * tau {
+            break if best.norm.is_finite() { Stop::SigmaReached } else { Stop::LineSearchFailed };
+        }
+        let shrinks = target < tau;
+        tau = target;
+        if shrinks {
+            descent.shrink(tau);
+        }
+
+        last_rr = descent.rr;
+        stationary = match descent.step(tau) {
+            Moved::Yes => false,
+            Moved::Stationary => true,
+            Moved::NotFinite => break Stop::NotFinite,
+        };
+        iterations += 1;
+    };
+    let gap = if best.norm.is_finite() { relative_gap(best.norm, lower) } else { f64::INFINITY };
+    Outcome { s: best.s, residual: best.residual, gap, iterations, transforms: descent.transforms, stop }
+}
+
+/// LASSO for ||y|| = 1 and 0 < tau <= `TAU_LIMIT`; a residual up to `tolerance` counts as zero.
+pub(super) fn lasso<O: Operator + ?Sized>(
+    op: &mut O,
+    y: &[f64],
+    tau: f64,
+    tolerance: f64,
+    norm: &Norm,
+    options: &Options,
+) -> Outcome {
+    let mut descent = Descent::new(op, norm, y);
+    let mut best = Best { s: vec![0.0; norm.cols()], residual: 1.0, norm: f64::INFINITY };
+    let first_cc = dot(&descent.c, &descent.c);
+    // Lower bound of the optimal residual.
+    let mut lower = 0.0f64;
+    let mut stationary = false;
+    let mut iterations = 0;
+
+    let stop = loop {
+        let residual = descent.rr.sqrt();
+        let cc = dot(&descent.c, &descent.c);
+        if !(cc.is_finite() && residual.is_finite()) {
+            break Stop::NotFinite;
+        }
+        if residual < best.residual {
+            best.take(&descent.s, 1.0, residual, f64::INFINITY);
+        }
+        let bound = (dot(y, &descent.r) - tau * norm.dual(&descent.c)) / residual;
+        if bound > lower {
+            lower = bound;
+        }
+        if best.residual <= tolerance || best.residual - lower <= options.gap_tolerance * best.residual {
+            break Stop::Converged;
+        }
+        if cc <= (LEAST_SQUARES * residual).powi(2) * first_cc {
+            break Stop::LeastSquares;
+        }
+        if iterations >= options.max_iterations {
+            break Stop::IterationLimit;
+        }
+        if stationary {
+            break Stop::LineSearchFailed;
+        }
+        stationary = match descent.step(tau) {
+            Moved::Yes => false,
+            Moved::Stationary => true,
+            Moved::NotFinite => break Stop::NotFinite,
+        };
+        iterations += 1;
+    };
+    let gap = relative_gap(best.residual, lower);
+    Outcome { s: best.s, residual: best.residual, gap, iterations, transforms: descent.transforms, stop }
+}
+
+/// A point whose residual is below sigma may be scaled by a factor below 1 until its residual is sigma: its norm falls
+/// by that factor. Returns the factor (1 if there is nothing to gain) and the residual there.
+///
+/// The residual of factor * s is y + factor (r - y), so this is a quadratic equation in known inner products.
+fn scale_to_sphere(yy: f64, yr: f64, rr: f64, sigma: f64) -> (f64, f64) {
+    if sigma < SCALABLE || rr >= sigma * sigma {
+        return (1.0, rr.sqrt());
+    }
+    let (a, b, c) = (rr - 2.0 * yr + yy, yy - yr, yy - sigma * sigma);
+    let factor = c / (b + (b * b - a * c).max(0.0).sqrt());
+    if factor > 0.0 && factor < 1.0 { (factor, sigma) } else { (1.0, rr.sqrt()) }
+}
+
+/// How far `value` can be above its optimum, relative to `value`; at least 0.
+fn relative_gap(value: f64, lower: f64) -> f64 {
+    if value > lower { (value - lower) / value } else { 0.0 }
+}

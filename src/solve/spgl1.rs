@@ -1,0 +1,292 @@
+//! SPGL1: basis pursuit, basis pursuit denoise and LASSO by spectral projected gradients and root finding on the
+//! Pareto curve.
+//!
+//! Source: E. van den Berg, M. P. Friedlander, "Probing the Pareto frontier for basis pursuit solutions", SIAM J. Sci.
+//! Comput. 31(2), 890-912, 2008. Differences from the published program are stated where they are made: the search
+//! ([`descent`](super)) never spends an extra transform, and every solution carries a proven duality gap.
+//!
+//! Samples are normalised to ||y|| = 1 inside, so results scale with the data from denormals to 1e300.
+
+use super::Operator;
+use super::norm::Norm;
+use super::pareto::{self, Outcome, TAU_LIMIT};
+use super::vector::{dot, max_abs, scale};
+use crate::error::{Error, Result};
+use std::time::Instant;
+
+/// When to stop. All tolerances are relative and do not depend on the scale of the data.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct Options {
+    /// Projected gradient steps at most; each is one forward and one adjoint transform. 0 returns zeros (or the start).
+    pub max_iterations: usize,
+    /// Residuals up to `sigma * (1 + sigma_tolerance)` reach sigma. 0 or more; default 1e-3.
+    pub sigma_tolerance: f64,
+    /// Residuals up to `sigma + bp_tolerance * ||y||` reach sigma too: what "zero" means for basis pursuit, and for a
+    /// sigma near it. Above 0; default 1e-5.
+    pub bp_tolerance: f64,
+    /// Relative duality gap at which a solution is optimal. Above 0; infinity takes the first point that reaches
+    /// sigma. Default 1e-2, with true errors mostly far below: the bound converges later than the solution.
+    pub gap_tolerance: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Options { max_iterations: 1000, sigma_tolerance: 1e-3, bp_tolerance: 1e-5, gap_tolerance: 1e-2 }
+    }
+}
+
+/// Why a solver stopped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Stop {
+    /// Optimal: sigma reached (BPDN) and the duality gap within its tolerance.
+    Converged,
+    /// Sigma reached (BPDN), but the iterations or the precision did not suffice to prove the norm optimal.
+    SigmaReached,
+    /// Zero is the solution: sigma >= ||y||, or tau = 0.
+    ZeroIsFeasible,
+    /// The residual cannot get smaller, though above sigma (or tau is not active): a least-squares solution.
+    LeastSquares,
+    /// Out of iterations before sigma was reached, or before the LASSO was solved.
+    IterationLimit,
+    /// No descent left at working precision, short of the tolerances.
+    LineSearchFailed,
+    /// NaN or infinity in y or from the operator, or ||y|| or a result beyond the range of f64.
+    NotFinite,
+}
+
+/// What a solver found, and what it cost. All numbers but `gap` and those of the costs have the unit of y.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct Solution {
+    /// Coefficients s, as many as the operator's columns; always finite.
+    pub coefficients: Vec<f64>,
+    /// ||y - A s||_2; infinite if y is not finite.
+    pub residual_norm: f64,
+    /// ||W s||_1
+    pub norm: f64,
+    /// Relative duality gap. BPDN: the norm is at most this fraction above the optimum; infinite where sigma was not
+    /// reached. LASSO: the residual is at most this fraction above the optimum.
+    pub gap: f64,
+    /// Projected gradient steps.
+    pub iterations: usize,
+    /// Forward and adjoint transforms.
+    pub transforms: usize,
+    /// Wall-clock time. Nothing depends on it.
+    pub seconds: f64,
+    /// Why the solver stopped.
+    pub stop: Stop,
+    /// The amount by which a residual may exceed sigma, from [`Options`].
+    pub tolerance: f64,
+}
+
+impl Solution {
+    /// Whether the residual is sigma or less, within the tolerance of the solve.
+    pub fn reached_sigma(&self, sigma: f64) -> bool {
+        self.residual_norm <= sigma + self.tolerance
+    }
+}
+
+/// Basis pursuit denoise: min ||W s||_1 subject to ||y - A s||_2 <= `sigma`; basis pursuit at `sigma` = 0.
+///
+/// `y` holds one sample a row of `op`, `sigma` >= 0 has its unit. Of all points visited the one that reaches sigma
+/// with the smallest norm is returned, before one does the one with the smallest residual: more iterations never
+/// give a worse result.
+///
+/// # Errors
+/// `InvalidArgument` for a negative or NaN sigma, options out of range, or sizes of `y`, `norm` and `op` that differ.
+/// Failures of the numbers are no errors: see [`Solution::stop`].
+///
+/// ```
+/// use csbrdf::solve::{Operator, norm::Norm, spgl1};
+/// struct Identity;
+/// impl Operator for Identity {
+///     fn rows(&self) -> usize {
+///         3
+///     }
+///     fn cols(&self) -> usize {
+///         3
+///     }
+///     fn forward(&mut self, s: &[f64], y: &mut [f64]) {
+///         y.copy_from_slice(s);
+///     }
+///     fn adjoint(&mut self, y: &[f64], s: &mut [f64]) {
+///         s.copy_from_slice(y);
+///     }
+/// }
+/// let y = [5.0, 1.0, -3.0];
+/// let solution = spgl1::bpdn(&mut Identity, &y, 2.0, &Norm::l1(3), &spgl1::Options::default())?;
+/// assert!(solution.reached_sigma(2.0) && solution.norm < 6.0);
+/// # Ok::<(), csbrdf::error::Error>(())
+/// ```
+pub fn bpdn<O: Operator + ?Sized>(
+    op: &mut O,
+    y: &[f64],
+    sigma: f64,
+    norm: &Norm,
+    options: &Options,
+) -> Result<Solution> {
+    solve_bpdn(op, y, sigma, norm, options, None)
+}
+
+/// [`bpdn`] from the coefficients `start` instead of zero, for instance the solution at another sigma.
+///
+/// # Errors
+/// As [`bpdn`], and where `start` has not one finite entry a column.
+pub fn bpdn_from<O: Operator + ?Sized>(
+    op: &mut O,
+    y: &[f64],
+    sigma: f64,
+    norm: &Norm,
+    options: &Options,
+    start: &[f64],
+) -> Result<Solution> {
+    if start.len() != norm.cols() || !max_abs(start).is_finite() {
+        return invalid(format!("the start needs {} finite coefficients", norm.cols()));
+    }
+    solve_bpdn(op, y, sigma, norm, options, Some(start))
+}
+
+/// LASSO: min ||y - A s||_2 subject to ||W s||_1 <= `tau`, `tau` >= 0 in the unit of y. The point of smallest residual
+/// is returned.
+///
+/// # Errors
+/// As [`bpdn`], for tau.
+pub fn lasso<O: Operator + ?Sized>(
+    op: &mut O,
+    y: &[f64],
+    tau: f64,
+    norm: &Norm,
+    options: &Options,
+) -> Result<Solution> {
+    check(op, y, norm, options)?;
+    if !(tau >= 0.0) {
+        return invalid(format!("tau is {tau}; it must be 0 or more"));
+    }
+    let problem = Problem::new(y, norm);
+    if !problem.length.is_finite() {
+        return Ok(problem.zero(Stop::NotFinite, 0.0));
+    }
+    let tolerance = options.bp_tolerance;
+    if tau == 0.0 || problem.length == 0.0 {
+        return Ok(problem.zero(Stop::ZeroIsFeasible, tolerance * problem.length));
+    }
+    let tau = (tau / problem.length).clamp(f64::MIN_POSITIVE, TAU_LIMIT);
+    let outcome = pareto::lasso(op, &problem.unit, tau, tolerance, norm, options);
+    Ok(problem.finish(outcome, tolerance))
+}
+
+fn solve_bpdn<O: Operator + ?Sized>(
+    op: &mut O,
+    y: &[f64],
+    sigma: f64,
+    norm: &Norm,
+    options: &Options,
+    start: Option<&[f64]>,
+) -> Result<Solution> {
+    check(op, y, norm, options)?;
+    if !(sigma >= 0.0) {
+        return invalid(format!("sigma is {sigma}; it must be 0 or more"));
+    }
+    let problem = Problem::new(y, norm);
+    if !problem.length.is_finite() {
+        return Ok(problem.zero(Stop::NotFinite, 0.0));
+    }
+    if sigma >= problem.length {
+        return Ok(problem.zero(Stop::ZeroIsFeasible, 0.0));
+    }
+    let sigma = sigma / problem.length;
+    let tolerance = (options.sigma_tolerance * sigma).max(options.bp_tolerance);
+    let start: Option<Vec<f64>> = start.map(|s| s.iter().map(|v| v / problem.length).collect());
+    // A start that overflows in units of the data tells nothing about them.
+    let start = start.filter(|s| max_abs(s) < TAU_LIMIT);
+    let outcome = pareto::bpdn(op, &problem.unit, sigma, tolerance, norm, options, start.as_deref());
+    Ok(problem.finish(outcome, tolerance))
+}
+
+/// The samples as a direction and a length.
+struct Problem<'a> {
+    norm: &'a Norm,
+    /// y / ||y||
+    unit: Vec<f64>,
+    /// ||y||; infinite or NaN if y is not finite or its norm overflows.
+    length: f64,
+    begin: Instant,
+}
+
+impl<'a> Problem<'a> {
+    fn new(y: &[f64], norm: &'a Norm) -> Self {
+        let begin = Instant::now();
+        let largest = max_abs(y);
+        let mut unit = y.to_vec();
+        let mut length = largest;
+        if largest > 0.0 && largest.is_finite() {
+            // In two steps: neither squares nor the reciprocal of a denormal may overflow.
+            unit.iter_mut().for_each(|v| *v /= largest);
+            let relative = dot(&unit, &unit).sqrt();
+            unit.iter_mut().for_each(|v| *v /= relative);
+            length = largest * relative;
+        }
+        Problem { norm, unit, length, begin }
+    }
+
+    /// The zero solution.
+    fn zero(&self, stop: Stop, tolerance: f64) -> Solution {
+        let (residual_norm, gap) =
+            if stop == Stop::NotFinite { (f64::INFINITY, f64::INFINITY) } else { (self.length, 0.0) };
+        Solution {
+            coefficients: vec![0.0; self.norm.cols()],
+            residual_norm,
+            norm: 0.0,
+            gap,
+            iterations: 0,
+            transforms: 0,
+            seconds: self.begin.elapsed().as_secs_f64(),
+            stop,
+            tolerance,
+        }
+    }
+
+    /// The outcome in the unit of y.
+    fn finish(self, outcome: Outcome, tolerance: f64) -> Solution {
+        let mut coefficients = outcome.s;
+        scale(&mut coefficients, self.length);
+        let norm = self.norm.primal(&coefficients);
+        let (iterations, transforms) = (outcome.iterations, outcome.transforms);
+        if !max_abs(&coefficients).is_finite() || !norm.is_finite() {
+            return Solution { iterations, transforms, ..self.zero(Stop::NotFinite, 0.0) };
+        }
+        Solution {
+            coefficients,
+            residual_norm: outcome.residual * self.length,
+            norm,
+            gap: outcome.gap,
+            iterations,
+            transforms,
+            seconds: self.begin.elapsed().as_secs_f64(),
+            stop: outcome.stop,
+            tolerance: tolerance * self.length,
+        }
+    }
+}
+
+fn check<O: Operator + ?Sized>(op: &O, y: &[f64], norm: &Norm, options: &Options) -> Result<()> {
+    if y.len() != op.rows() {
+        return invalid(format!("{} samples for an operator of {} rows", y.len(), op.rows()));
+    }
+    if norm.cols() != op.cols() {
+        return invalid(format!("a norm of {} coefficients for an operator of {} columns", norm.cols(), op.cols()));
+    }
+    let Options { sigma_tolerance, bp_tolerance, gap_tolerance, .. } = *options;
+    if !(sigma_tolerance >= 0.0 && bp_tolerance > 0.0 && gap_tolerance > 0.0) {
+        return invalid(format!(
+            "tolerances must be positive: sigma {sigma_tolerance}, bp {bp_tolerance}, gap {gap_tolerance}"
+        ));
+    }
+    Ok(())
+}
+
+fn invalid<T>(what: String) -> Result<T> {
+    Err(Error::InvalidArgument(what))
+}

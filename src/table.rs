@@ -1,0 +1,105 @@
+//! A measured table in memory.
+
+pub mod merl;
+#[cfg(feature = "encode")]
+pub mod npy;
+#[cfg(feature = "encode")]
+pub mod synth;
+
+use crate::error::{Error, Result};
+use crate::grid::Grid;
+
+/// A table of reflectance: values and validity on a [`Grid`].
+///
+/// Layout: one plane per channel, each with the axes of the grid in order, the last axis fastest.
+/// Values are in the units of the source; times the channel's `scale` they are BRDF values in 1/sr.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BrdfTable {
+    grid: Grid,
+    values: Vec<f64>,
+    valid: Vec<bool>,
+}
+
+impl BrdfTable {
+    /// A table of the given values; an entry is valid where it is finite and not negative.
+    ///
+    /// NaN, infinite and negative entries are how measured sets mark what could not be measured; they become
+    /// missing entries, their values are kept as they are.
+    ///
+    /// # Errors
+    /// `InvalidArgument` if the number of values is not positions times channels.
+    pub fn from_values(grid: Grid, values: Vec<f64>) -> Result<BrdfTable> {
+        let valid = values.iter().map(|v| v.is_finite() && *v >= 0.0).collect();
+        BrdfTable::from_parts(grid, values, valid)
+    }
+
+    /// A table of values and validity, both positions times channels.
+    ///
+    /// # Errors
+    /// `InvalidArgument` if a length is wrong or an entry marked valid is negative or not finite.
+    pub fn from_parts(grid: Grid, values: Vec<f64>, valid: Vec<bool>) -> Result<BrdfTable> {
+        let expected = grid.positions() * grid.channels().len();
+        if values.len() != expected || valid.len() != expected {
+            return Err(Error::InvalidArgument(format!(
+                "the grid holds {expected} entries, got {} values and {} validity flags",
+                values.len(),
+                valid.len()
+            )));
+        }
+        if let Some(i) = (0..expected).find(|&i| valid[i] && !(values[i].is_finite() && values[i] >= 0.0)) {
+            return Err(Error::InvalidArgument(format!("entry {i} is marked valid but holds {}", values[i])));
+        }
+        Ok(BrdfTable { grid, values, valid })
+    }
+
+    /// Shape, axes and channels.
+    pub fn grid(&self) -> &Grid {
+        &self.grid
+    }
+
+    /// All values in source units, invalid ones included.
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
+    /// Validity of all entries, laid out like the values.
+    pub fn valid(&self) -> &[bool] {
+        &self.valid
+    }
+
+    /// Values of one channel.
+    pub fn plane(&self, channel: usize) -> &[f64] {
+        let n = self.grid.positions();
+        &self.values[channel * n..(channel + 1) * n]
+    }
+
+    /// Validity of one channel.
+    pub fn valid_plane(&self, channel: usize) -> &[bool] {
+        let n = self.grid.positions();
+        &self.valid[channel * n..(channel + 1) * n]
+    }
+
+    /// Number of valid entries over all channels.
+    pub fn valid_count(&self) -> usize {
+        self.valid.iter().filter(|v| **v).count()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nan_inf_and_negative_entries_are_missing() {
+        let mut grid = Grid::merl(180);
+        grid = Grid::new(grid.axes()[..1].to_vec(), Grid::rgb_channels([1.0; 3])).unwrap();
+        let mut values = vec![1.0; 270];
+        values[..4].copy_from_slice(&[f64::NAN, f64::INFINITY, -1.0, -0.0]);
+        let table = BrdfTable::from_values(grid.clone(), values.clone()).unwrap();
+        assert_eq!(&table.valid()[..5], &[false, false, false, true, true]);
+        assert_eq!(table.valid_count(), 267);
+        assert!(BrdfTable::from_parts(grid.clone(), values.clone(), vec![true; 270]).is_err());
+        values.pop();
+        assert!(BrdfTable::from_values(grid, values).is_err());
+    }
+}
