@@ -102,7 +102,7 @@ macro_rules! write_fixed {
 
 #[cfg_attr(not(feature = "encode"), allow(dead_code))]
 impl ByteWriter {
-    write_fixed!(u8: u8, u16: u16, u32: u32, u64: u64, f32: f32, f64: f64, i32: i32);
+    write_fixed!(u8: u8, u16: u16, u32: u32, u64: u64, f32: f32, f64: f64);
 
     pub(crate) fn bytes(&mut self, bytes: &[u8]) {
         self.0.extend_from_slice(bytes);

@@ -80,7 +80,9 @@ mod tests {
             four[row * 4..row * 4 + 3].copy_from_slice(&three[row * 3..row * 3 + 3]);
         }
         four[15] = 1.0;
-        for (transform, channels) in [(opponent.clone(), 3), (ChannelTransform::Matrix(four), 4), (ChannelTransform::None, 2)] {
+        for (transform, channels) in
+            [(opponent.clone(), 3), (ChannelTransform::Matrix(four), 4), (ChannelTransform::None, 2)]
+        {
             let original: Vec<f64> = (0..channels * 5).map(|i| (i as f64 * 1.7).sin() * 5.0).collect();
             let mut planes = original.clone();
             transform.forward(&mut planes, channels);

@@ -222,14 +222,16 @@ impl<D: AsRef<[u8]>> Reader<D> {
         for shape in partition.shapes() {
             let values = shape.iter().product::<usize>() * channels;
             if values > limit {
-                return Err(Error::LimitExceeded { what: "values of a block", got: values as u64, limit: limit as u64 });
+                return Err(Error::LimitExceeded {
+                    what: "values of a block",
+                    got: values as u64,
+                    limit: limit as u64,
+                });
             }
         }
-        let probabilities =
-            header::read_probabilities(directory.open(bytes, directory::PROBABILITIES)?, CONTEXTS)?;
+        let probabilities = header::read_probabilities(directory.open(bytes, directory::PROBABILITIES)?, CONTEXTS)?;
         let records = directory.require(directory::RECORDS)?;
-        let index =
-            Index::read(directory.open(bytes, directory::INDEX)?, partition.block_count(), channels, records)?;
+        let index = Index::read(directory.open(bytes, directory::INDEX)?, partition.block_count(), channels, records)?;
         let header = Header::new(grid, coding, partition, probabilities);
         Ok(Reader { data, limits, directory, header, index })
     }

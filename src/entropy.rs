@@ -157,7 +157,7 @@ impl Walk {
         start: usize,
         n: &Neighbours,
     ) -> Result<(), BadMagnitude> {
-        for l in first..line.len() {
+        for (l, place) in line.iter_mut().enumerate().skip(first) {
             let at = start + l;
             let m = |offset: usize| u32::from(self.magnitudes[offset]);
             let sum = 2 * (m(at - 1) + m(at - n.above) + m(at - n.before))
@@ -169,10 +169,9 @@ impl Walk {
             let sister = u32::from(self.sister[at]);
             let level = usize::from(LEVEL[sum.min(255) as usize]);
             let position = ((n.frequency + 4 * l) / n.total).min(POSITIONS - 1);
-            let context = SIGNIFICANT
-                + ((class * SISTERS + sister.min(2) as usize) * POSITIONS + position) * LEVELS
-                + level;
-            let q = line[l];
+            let context =
+                SIGNIFICANT + ((class * SISTERS + sister.min(2) as usize) * POSITIONS + position) * LEVELS + level;
+            let q = *place;
             if !coder.bit(context, q != 0) {
                 continue;
             }
@@ -181,7 +180,7 @@ impl Walk {
             let contexts = EXPONENT + (class * MAGNITUDE_LEVELS + level) * EXPONENTS;
             let magnitude = 1 + code_number(coder, contexts, MANTISSA, q.unsigned_abs().wrapping_sub(1))?;
             let negative = coder.raw(u32::from(q < 0), 1) == 1;
-            line[l] = if negative { -(magnitude as i32) } else { magnitude as i32 };
+            *place = if negative { -(magnitude as i32) } else { magnitude as i32 };
             self.magnitudes[at] = magnitude.min(255) as u8;
         }
         Ok(())
@@ -203,7 +202,8 @@ fn find_extents(shape: [usize; 4], plane: &[i32]) -> Extents {
     for (row, line) in plane.chunks_exact(shape[3]).enumerate() {
         let line = if row == 0 { &line[1..] } else { line };
         if let Some(last) = line.iter().rposition(|&q| q != 0) {
-            let at = [row / shape[2] / shape[1], row / shape[2] % shape[1], row % shape[2], last + usize::from(row == 0)];
+            let at =
+                [row / shape[2] / shape[1], row / shape[2] % shape[1], row % shape[2], last + usize::from(row == 0)];
             for axis in 0..4 {
                 extents[axis] = extents[axis].max(at[axis] + 1);
             }

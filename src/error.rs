@@ -102,10 +102,9 @@ impl fmt::Display for Error {
                 }
                 write!(f, "; use the csbrdf release that wrote the file, or encode the table again")
             }
-            Error::Truncated { section, expected, got } => write!(
-                f,
-                "truncated in {section}: {expected} bytes needed, {got} present; fetch the file again"
-            ),
+            Error::Truncated { section, expected, got } => {
+                write!(f, "truncated in {section}: {expected} bytes needed, {got} present; fetch the file again")
+            }
             Error::Corrupt { section, offset, what } => {
                 write!(f, "corrupt {section} at offset {offset}: {what}")
             }

@@ -51,8 +51,8 @@ pub struct Limits {
 }
 
 impl Default for Limits {
-    /// One thousand million values a table, [`MAX_BLOCK_VALUES`] a block.
+    /// 2^28 values a table, [`MAX_BLOCK_VALUES`] a block.
     fn default() -> Self {
-        Limits { table_values: 1_000_000_000, block_values: MAX_BLOCK_VALUES }
+        Limits { table_values: 1 << 28, block_values: MAX_BLOCK_VALUES }
     }
 }

@@ -43,9 +43,9 @@ pub type Extents = [usize; 4];
 #[derive(Debug)]
 struct AxisTable {
     n: usize,
-    /// DCT: `[k][i]` for the first half of the positions. DFT: `cos(2 pi j / n) / sqrt(n)` for j in 0..n.
+    /// DCT: `[k][i]` for the first half of the positions. DFT: `[f][i]`, `cos(2 pi f i / n) / sqrt(n)`.
     cos: Vec<f32>,
-    /// DFT: `sin(2 pi j / n) / sqrt(n)`.
+    /// DFT: `[f][i]`, `sin(2 pi f i / n) / sqrt(n)`.
     sin: Vec<f32>,
 }
 
@@ -65,10 +65,13 @@ impl AxisTable {
             }
             Basis::Dft => {
                 let norm = (1.0 / n as f64).sqrt();
-                let quarter = |j: usize| cos_turn((4 * j + 3 * n) as u64, 4 * n as u64);
-                let cos = (0..n).map(|j| (cos_turn(j as u64, n as u64) * norm) as f32).collect();
-                let sin = (0..n).map(|j| (quarter(j) * norm) as f32).collect();
-                AxisTable { n, cos, sin }
+                // The sine is the cosine three quarters of a turn later.
+                let turns = |quarters: u64| -> Vec<f32> {
+                    let length = n as u64;
+                    (0..length).map(|j| (cos_turn(4 * j + quarters * length, 4 * length) * norm) as f32).collect()
+                };
+                let products = |turn: Vec<f32>| (0..n * n).map(|fi| turn[(fi / n) * (fi % n) % n]).collect();
+                AxisTable { n, cos: products(turns(0)), sin: products(turns(3)) }
             }
         }
     }
@@ -96,13 +99,7 @@ impl Synthesis {
     }
 
     /// Replaces the coefficients in `values` by the values of the block; `scratch` is resized as needed.
-    pub(crate) fn synthesize(
-        &self,
-        shape: [usize; 4],
-        extents: Extents,
-        values: &mut [f32],
-        scratch: &mut Vec<f32>,
-    ) {
+    pub(crate) fn synthesize(&self, shape: [usize; 4], extents: Extents, values: &mut [f32], scratch: &mut Vec<f32>) {
         let axes = shape.map(|n| self.axis(n));
         match self.basis {
             Basis::Dct => dct::synthesize(axes, extents, values, scratch),

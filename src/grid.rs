@@ -132,7 +132,11 @@ impl Grid {
         }
         for axis in &axes {
             if axis.len == 0 || axis.len > MAX_AXIS_LEN {
-                return bad(format!("axis {} has {} bins, allowed are 1 to {MAX_AXIS_LEN}", axis.name.as_str(), axis.len));
+                return bad(format!(
+                    "axis {} has {} bins, allowed are 1 to {MAX_AXIS_LEN}",
+                    axis.name.as_str(),
+                    axis.len
+                ));
             }
             if !(axis.start.is_finite() && axis.end.is_finite() && axis.start < axis.end) {
                 return bad(format!("axis {} has the empty range {}..{}", axis.name.as_str(), axis.start, axis.end));
@@ -147,7 +151,10 @@ impl Grid {
         }
         for channel in &channels {
             if channel.name.len() > MAX_CHANNEL_NAME {
-                return bad(format!("channel name of {} bytes, at most {MAX_CHANNEL_NAME} allowed", channel.name.len()));
+                return bad(format!(
+                    "channel name of {} bytes, at most {MAX_CHANNEL_NAME} allowed",
+                    channel.name.len()
+                ));
             }
             if !(channel.scale.is_finite() && channel.scale > 0.0) {
                 return bad(format!("channel {} has scale {}, must be positive", channel.name, channel.scale));

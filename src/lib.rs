@@ -1,6 +1,56 @@
 //! Codec and file format for measured BRDFs.
+//!
+//! A measured BRDF is a table of reflectance over half/difference angles, 35 MB a material for MERL. csbrdf stores
+//! it as sparse Fourier coefficients of the logarithm, block by block (Seylan, Ergun, Ozturk, "BRDF Reconstruction
+//! Using Compressive Sensing", WSCG 2013), and gives single blocks or values back without reading the rest. The
+//! format is described in `spec/csbrdf.md`; the modules below follow the data through it.
+//!
+//! Encode a table, open the file, decode it:
+//!
+//! ```
+//! # #[cfg(feature = "encode")] {
+//! use csbrdf::decode::Reader;
+//! use csbrdf::encode::Encoder;
+//! use csbrdf::table::synth::Recipe;
+//!
+//! let table = Recipe::named("satin-paint").unwrap().merl()?;
+//! let encoded = Encoder::new().block_shape(&[15, 15, 15]).encode(&table)?;
+//! assert!(encoded.bytes.len() * 100 < 8 * table.values().len());
+//! assert!(encoded.report.log_rms < 0.02);
+//!
+//! let reader = Reader::open(encoded.bytes)?;
+//! let values: Vec<f32> = reader.decode_all()?; // 1/sr, [channel][theta_h][theta_d][phi_d]
+//! let mut block = vec![0.0; reader.block_values(7)?];
+//! reader.block_into(7, &mut block)?; // one block alone
+//! # assert!(values.iter().chain(&block).all(|v| v.is_finite() && *v >= 0.0));
+//! # }
+//! # Ok::<(), csbrdf::Error>(())
+//! ```
+//!
+//! Evaluate a file at directions (bytes in memory here; `Reader::open_path` maps a file):
+//!
+//! ```
+//! # #[cfg(feature = "encode")] {
+//! # use csbrdf::{decode::Reader, encode::Encoder, grid::Grid, table::synth::Recipe};
+//! # let table = Recipe::named("matte").unwrap().merl()?;
+//! # let bytes = Encoder::new().block_shape(&[15, 15, 30]).encode(&table)?.bytes;
+//! use csbrdf::eval::Brdf;
+//!
+//! let brdf = Brdf::open(Reader::open(bytes)?)?;
+//! let [r, g, b] = brdf.eval([0.3, 0.0, 0.9], [-0.5, 0.1, 0.8])?; // 1/sr
+//! assert!(r > 0.0 && g > 0.0 && b > 0.0);
+//! # }
+//! # Ok::<(), csbrdf::Error>(())
+//! ```
+//!
+//! # Features
+//!
+//! The reader alone (`default-features = false`) needs byteorder and crc32fast. `mmap` maps files, `parallel`
+//! decodes whole tables on all cores, `metadata` reads provenance (serde, zstd); `encode` adds the encoder with the
+//! l1 solver, metrics and pictures; `cli` (default) the tool.
 #![cfg_attr(not(feature = "encode"), allow(dead_code))]
 
+mod bits;
 pub mod block;
 pub mod channel;
 pub mod coords;
@@ -9,7 +59,7 @@ pub mod decode;
 pub mod encode;
 mod entropy;
 pub mod error;
-mod bits;
+pub mod eval;
 mod exact;
 pub mod format;
 pub mod fourier;

@@ -3,6 +3,9 @@
 //! The problems, for samples y = A s with A = (point sampling) x (inverse transform):
 //! basis pursuit denoise  min ||W s||_1  subject to  ||A s - y||_2 <= sigma,
 //! LASSO                  min ||A s - y||_2  subject to  ||W s||_1 <= tau.
+//!
+//! `spgl1` is what callers use; below it, `pareto` finds tau, `descent` solves for one tau, `ball` projects, `norm` says
+//! what is projected onto. Only linearity of A is assumed; orthonormal rows make it fast.
 
 pub mod ball;
 mod descent;
@@ -11,6 +14,14 @@ mod pareto;
 pub mod spgl1;
 mod vector;
 
+#[cfg(test)]
+mod agreement;
+#[cfg(test)]
+mod extremes;
+#[cfg(test)]
+mod optimality;
+#[cfg(test)]
+mod testing;
 
 /// A linear map between coefficients (columns) and samples (rows), with its adjoint.
 pub trait Operator {

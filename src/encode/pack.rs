@@ -148,10 +148,12 @@ pub(super) fn pack(table: &BrdfTable, plan: Plan, blocks: Vec<(&[i32], &[i32])>)
 
 fn measure(table: &BrdfTable, block: &Block, eps: f64, decoded: &[f32]) -> BlockError {
     let (log, valid) = gather_log(table, block, eps);
+    let (floor, ceiling) = (eps.ln(), f64::MAX.ln());
     let mut error = BlockError::default();
     for ((value, valid), decoded) in log.iter().zip(valid).zip(decoded) {
         if valid {
-            let difference = (value - f64::from(*decoded)).abs();
+            // The inverse tone map gives neither negative nor infinite values: the log is cut off there.
+            let difference = (value - f64::from(*decoded).clamp(floor, ceiling)).abs();
             error.squares += difference * difference;
             error.count += 1;
             error.max = error.max.max(difference);

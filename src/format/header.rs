@@ -164,7 +164,7 @@ pub(crate) fn read_coding(mut r: ByteReader, channels: usize) -> Result<Coding> 
 
 pub(crate) fn read_partition(mut r: ByteReader, grid: &Grid) -> Result<Partition> {
     let axes = grid.axes().len();
-    let mut shape = |r: &mut ByteReader| -> Result<[usize; 4]> {
+    let shape = |r: &mut ByteReader| -> Result<[usize; 4]> {
         let mut shape = [1; 4];
         for n in &mut shape[4 - axes..] {
             *n = r.u32()? as usize;
@@ -209,7 +209,7 @@ pub(crate) fn read_probabilities(mut r: ByteReader, contexts: usize) -> Result<V
             }
         }
     }
-    if contexts % 8 != 0 && used[contexts / 8] >> (contexts % 8) != 0 {
+    if !contexts.is_multiple_of(8) && used[contexts / 8] >> (contexts % 8) != 0 {
         return Err(r.corrupt("bits beyond the last context are set"));
     }
     r.finish()?;
@@ -302,7 +302,12 @@ mod tests {
 
     fn spectral() -> Grid {
         let axis = |name, len| Axis { name, len, mapping: Mapping::Linear, start: 0.0, end: 1.5 };
-        let axes = vec![axis(AxisName::ThetaI, 3), axis(AxisName::PhiI, 5), axis(AxisName::ThetaO, 4), axis(AxisName::PhiO, 7)];
+        let axes = vec![
+            axis(AxisName::ThetaI, 3),
+            axis(AxisName::PhiI, 5),
+            axis(AxisName::ThetaO, 4),
+            axis(AxisName::PhiO, 7),
+        ];
         let channel = |i| Channel { name: String::new(), wavelength: Some(400.0 + f64::from(i)), scale: 1.0 };
         Grid::new(axes, (0..195).map(channel).collect()).unwrap()
     }

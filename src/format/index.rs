@@ -45,7 +45,7 @@ impl Index {
         offsets.push(end);
         for length in r.bytes(blocks * widths[0])?.chunks_exact(widths[0]) {
             // At most 2^24 blocks of 2^32 bytes: no overflow of 64 bits, checked for narrower machines.
-            end = end.checked_add(read_uint(length, widths[0]) as usize).unwrap_or(usize::MAX);
+            end = end.saturating_add(read_uint(length, widths[0]) as usize);
             if end > records.range.end {
                 let what = format!("record {} ends beyond its section", offsets.len() - 1);
                 return Err(Error::corrupt("INDX", base, what));
@@ -86,7 +86,8 @@ impl Index {
 }
 
 /// `2^(i / 8)` rounded to single precision.
-const EIGHTHS: [f32; 8] = [1.0, 1.090_507_7, 1.189_207_1, 1.296_839_6, 1.414_213_5, 1.542_210_8, 1.681_792_9, 1.834_008];
+const EIGHTHS: [f32; 8] =
+    [1.0, 1.090_507_7, 1.189_207_1, 1.296_839_6, std::f32::consts::SQRT_2, 1.542_210_8, 1.681_792_9, 1.834_008];
 
 /// An error from its code: 0 is none, c is `2^((c - 192) / 8)`, 255 is unknown or more.
 pub(crate) fn decode_error(code: u8) -> f32 {
@@ -141,9 +142,8 @@ mod tests {
     #[test]
     fn round_trip_and_contradictions() {
         let bytes = write_index(&[300, 0, 7], &[(1, 2), (3, 4), (255, 0)], &[-40000, 1, 2, 3, 4, 5]);
-        let read = |bytes: &[u8], blocks, end| {
-            Index::read(ByteReader::new(bytes, 50, "INDX"), blocks, 2, &section(1000..end))
-        };
+        let read =
+            |bytes: &[u8], blocks, end| Index::read(ByteReader::new(bytes, 50, "INDX"), blocks, 2, &section(1000..end));
         let index = read(&bytes, 3, 1307).unwrap();
         assert_eq!(index.record(2), 1300..1307);
         assert_eq!(index.means(0), [-40000, 1]);

@@ -64,12 +64,15 @@ mod present {
             // Length of the JSON text, then one zstd frame that holds it.
             let length = r.u32()? as usize;
             if length > MAX_METADATA {
-                return Err(Error::LimitExceeded { what: "metadata size", got: length as u64, limit: MAX_METADATA as u64 });
+                return Err(Error::LimitExceeded {
+                    what: "metadata size",
+                    got: length as u64,
+                    limit: MAX_METADATA as u64,
+                });
             }
             let place = r.clone();
             let frame = r.bytes(r.left())?;
-            let text = zstd::bulk::decompress(frame, length)
-                .map_err(|e| place.corrupt(format!("zstd: {e}")))?;
+            let text = zstd::bulk::decompress(frame, length).map_err(|e| place.corrupt(format!("zstd: {e}")))?;
             if text.len() != length {
                 return Err(place.corrupt(format!("{} bytes of JSON, expected {length}", text.len())));
             }

@@ -4,6 +4,9 @@
 //! index is n/2. The half of the spectrum with non-negative frequency along the last axis is unpacked, summed over
 //! the first three axes in complex arithmetic, then over the last one to real values.
 
+use std::cmp::Ordering;
+use std::f32::consts::FRAC_1_SQRT_2;
+
 use super::AxisTable;
 
 /// Frequency (0..n, negative ones wrapped) at index `j`.
@@ -47,26 +50,16 @@ pub fn partners(shape: [usize; 4]) -> Vec<u32> {
 
 /// Where each entry of the half spectrum `[n0][n1][n2][n3 / 2 + 1]` (all axes in wrapped frequency order) finds its
 /// coefficient: the index of the real part, that of the imaginary part and the sign of the latter (0 where real).
-pub(super) fn half_spectrum_map(shape: [usize; 4]) -> Vec<(u32, u32, f32)> {
-    let [n0, n1, n2, n3] = shape;
-    let linear = |j: [usize; 4]| (((j[0] * n1 + j[1]) * n2 + j[2]) * n3 + j[3]) as u32;
-    let mut map = Vec::with_capacity(n0 * n1 * n2 * (n3 / 2 + 1));
-    for f0 in 0..n0 {
-        for f1 in 0..n1 {
-            for f2 in 0..n2 {
-                for f3 in 0..n3 / 2 + 1 {
-                    let here = [index_of(f0, n0), index_of(f1, n1), index_of(f2, n2), index_of(f3, n3)];
-                    let there = std::array::from_fn(|axis| negate(here[axis], shape[axis]));
-                    let (here, there) = (linear(here), linear(there));
-                    map.push(match here.cmp(&there) {
-                        std::cmp::Ordering::Equal => (here, here, 0.0),
-                        std::cmp::Ordering::Less => (here, there, 1.0),
-                        std::cmp::Ordering::Greater => (there, here, -1.0),
-                    });
-                }
-            }
-        }
-    }
+#[cfg(feature = "encode")]
+pub(super) fn half_spectrum_map(shape: [usize; 4]) -> Vec<(u32, u32, f64)> {
+    let mut map = Vec::new();
+    for_half_spectrum(shape, shape[3] / 2 + 1, |here, there| {
+        map.push(match here.cmp(&there) {
+            Ordering::Equal => (here as u32, here as u32, 0.0),
+            Ordering::Less => (here as u32, there as u32, 1.0),
+            Ordering::Greater => (there as u32, here as u32, -1.0),
+        });
+    });
     map
 }
 
@@ -74,47 +67,90 @@ pub(super) fn synthesize(axes: [&AxisTable; 4], values: &mut [f32], scratch: &mu
     let shape = axes.map(|a| a.n);
     let half = shape[3] / 2 + 1;
     let size = shape[0] * shape[1] * shape[2] * half;
-    // Two complex arrays: the stage's input and its output.
+    // Real and imaginary parts of a stage's input and of its output.
     scratch.clear();
     scratch.resize(4 * size, 0.0);
     let (mut from, mut to) = scratch.split_at_mut(2 * size);
-    for (entry, (re, im, sign)) in from.chunks_exact_mut(2).zip(half_spectrum_map(shape)) {
-        let (a, b) = (values[re as usize], values[im as usize]);
-        (entry[0], entry[1]) = if sign == 0.0 {
-            (a, 0.0)
-        } else {
-            (a * std::f32::consts::FRAC_1_SQRT_2, b * std::f32::consts::FRAC_1_SQRT_2 * sign)
-        };
-    }
+    unpack(axes, values, from);
     for axis in (0..3).rev() {
-        let table = axes[axis];
-        if table.n == 1 {
-            continue;
+        if shape[axis] > 1 {
+            let inner = shape[axis + 1..3].iter().product::<usize>() * half;
+            complex_axis(axes[axis], inner, from, to);
+            std::mem::swap(&mut from, &mut to);
         }
-        let inner = 2 * shape[axis + 1..3].iter().product::<usize>() * half;
-        for (source, target) in from.chunks_exact(table.n * inner).zip(to.chunks_exact_mut(table.n * inner)) {
-            for (i, line) in target.chunks_exact_mut(inner).enumerate() {
-                line.fill(0.0);
-                for (f, source) in source.chunks_exact(inner).enumerate() {
-                    let (c, s) = (table.cos[f * i % table.n], table.sin[f * i % table.n]);
-                    for (sum, z) in line.chunks_exact_mut(2).zip(source.chunks_exact(2)) {
-                        sum[0] = (sum[0] + z[0] * c) - z[1] * s;
-                        sum[1] = (sum[1] + z[0] * s) + z[1] * c;
-                    }
+    }
+    let table = axes[3];
+    let (re, im) = from.split_at(size);
+    for ((row, re), im) in values.chunks_exact_mut(table.n).zip(re.chunks_exact(half)).zip(im.chunks_exact(half)) {
+        row.fill(0.0);
+        for f in 0..half {
+            // Frequency f also stands for -f, unless the two are the same; doubling is exact.
+            let both = if f == 0 || 2 * f == table.n { 1.0 } else { 2.0 };
+            let (re, im) = (re[f] * both, im[f] * both);
+            let (cos, sin) = (&table.cos[f * table.n..][..table.n], &table.sin[f * table.n..][..table.n]);
+            for ((value, c), s) in row.iter_mut().zip(cos).zip(sin) {
+                *value += re * c - im * s;
+            }
+        }
+    }
+}
+
+/// The half spectrum, real parts then imaginary parts, from the packed coefficients.
+fn unpack(axes: [&AxisTable; 4], values: &[f32], spectrum: &mut [f32]) {
+    let shape = axes.map(|a| a.n);
+    let half = shape[3] / 2 + 1;
+    let (re, im) = spectrum.split_at_mut(spectrum.len() / 2);
+    let mut at = 0;
+    for_half_spectrum(shape, half, |here, there| {
+        (re[at], im[at]) = match here.cmp(&there) {
+            Ordering::Equal => (values[here], 0.0),
+            Ordering::Less => (values[here] * FRAC_1_SQRT_2, values[there] * FRAC_1_SQRT_2),
+            Ordering::Greater => (values[there] * FRAC_1_SQRT_2, -(values[here] * FRAC_1_SQRT_2)),
+        };
+        at += 1;
+    });
+}
+
+/// Calls `each` with the packed index of every entry of the half spectrum and that of its conjugate.
+fn for_half_spectrum(shape: [usize; 4], half: usize, mut each: impl FnMut(usize, usize)) {
+    let [n0, n1, n2, n3] = shape;
+    let pair = |f: usize, n: usize| (index_of(f, n), index_of((n - f) % n, n));
+    for f0 in 0..n0 {
+        let a = pair(f0, n0);
+        for f1 in 0..n1 {
+            let b = pair(f1, n1);
+            let b = (a.0 * n1 + b.0, a.1 * n1 + b.1);
+            for f2 in 0..n2 {
+                let c = pair(f2, n2);
+                let c = (b.0 * n2 + c.0, b.1 * n2 + c.1);
+                for f3 in 0..half {
+                    let d = pair(f3, n3);
+                    each(c.0 * n3 + d.0, c.1 * n3 + d.1);
                 }
             }
         }
-        std::mem::swap(&mut from, &mut to);
     }
-    let table = axes[3];
-    for (row, source) in values.chunks_exact_mut(table.n).zip(from.chunks_exact(2 * half)) {
-        for (i, value) in row.iter_mut().enumerate() {
-            *value = 0.0;
-            for (f, z) in source.chunks_exact(2).enumerate() {
-                // Frequency f also stands for -f, unless the two are the same.
-                let both = if f == 0 || 2 * f == table.n { 1.0 } else { 2.0 };
-                let (c, s) = (table.cos[f * i % table.n], table.sin[f * i % table.n]);
-                *value += (z[0] * c - z[1] * s) * both;
+}
+
+/// Sums over the frequencies of one of the first three axes, ascending from 0 in wrapped order.
+fn complex_axis(table: &AxisTable, inner: usize, from: &[f32], to: &mut [f32]) {
+    let n = table.n;
+    let (from_re, from_im) = from.split_at(from.len() / 2);
+    let (to_re, to_im) = to.split_at_mut(to.len() / 2);
+    to_re.fill(0.0);
+    to_im.fill(0.0);
+    for start in (0..from_re.len()).step_by(n * inner) {
+        for i in 0..n {
+            let out = start + i * inner;
+            let (out_re, out_im) = (&mut to_re[out..out + inner], &mut to_im[out..out + inner]);
+            for f in 0..n {
+                let (c, s) = (table.cos[f * n + i], table.sin[f * n + i]);
+                let at = start + f * inner;
+                let source = from_re[at..at + inner].iter().zip(&from_im[at..at + inner]);
+                for ((sum_re, sum_im), (re, im)) in out_re.iter_mut().zip(out_im.iter_mut()).zip(source) {
+                    *sum_re += re * c - im * s;
+                    *sum_im += re * s + im * c;
+                }
             }
         }
     }

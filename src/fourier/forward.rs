@@ -62,8 +62,16 @@ impl Transform {
 
 enum DctAxis {
     /// `[k][i]` over the first half of the positions.
-    Dense { n: usize, half: usize, cos: Vec<f64> },
-    Fast { n: usize, plan: Arc<dyn TransformType2And3<f64>>, scratch: Vec<f64> },
+    Dense {
+        n: usize,
+        half: usize,
+        cos: Vec<f64>,
+    },
+    Fast {
+        n: usize,
+        plan: Arc<dyn TransformType2And3<f64>>,
+        scratch: Vec<f64>,
+    },
 }
 
 impl DctAxis {
@@ -195,7 +203,7 @@ struct Dft {
     norm: f64,
     rows: (Arc<dyn realfft::RealToComplex<f64>>, Arc<dyn realfft::ComplexToReal<f64>>),
     axes: Vec<(Arc<dyn Fft<f64>>, Arc<dyn Fft<f64>>)>,
-    map: Vec<(u32, u32, f32)>,
+    map: Vec<(u32, u32, f64)>,
     spectrum: Vec<Complex64>,
     lines: Vec<Complex64>,
     scratch: Vec<Complex64>,
@@ -259,7 +267,7 @@ impl Dft {
                 block[re as usize] = z.re * self.norm;
             } else {
                 block[re as usize] = z.re * root2;
-                block[im as usize] = z.im * root2 * f64::from(sign);
+                block[im as usize] = z.im * root2 * sign;
             }
         }
     }
@@ -271,7 +279,7 @@ impl Dft {
             *z = if sign == 0.0 {
                 Complex64::new(a * self.norm, 0.0)
             } else {
-                Complex64::new(a * root2, b * root2 * f64::from(sign))
+                Complex64::new(a * root2, b * root2 * sign)
             };
         }
         self.complex_axes(false);

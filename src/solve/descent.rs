@@ -9,7 +9,7 @@
 use super::Operator;
 use super::ball::Projector;
 use super::norm::Norm;
-use super::vector::{distance_squared, dot, move_towards, slope_and_length, subtract_from, step_from};
+use super::vector::{distance_squared, dot, move_towards, slope_and_length, step_from, subtract_from};
 
 /// Fraction of the linear decrease that a step must achieve (Armijo).
 const SUFFICIENT: f64 = 1e-4;
@@ -18,8 +18,9 @@ const SUFFICIENT: f64 = 1e-4;
 /// seldom cut and hard problems (sigma near 1e-3 ||y||) take a half to a fifth of the steps.
 const HISTORY: usize = 20;
 
-/// Bounds of the spectral step relative to the first one.
-const STEP_RANGE: f64 = 1e10;
+/// Bounds of the spectral step relative to the first one. Longer steps would lose digits in the projection, which
+/// takes them back; shorter ones do not occur unless A is near singular.
+const STEP_RANGE: f64 = 1e5;
 
 /// What a step did.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,6 +53,8 @@ pub(super) struct Descent<'a, O: Operator + ?Sized> {
     /// Barzilai-Borwein step length.
     step: f64,
     first_step: f64,
+    /// Threshold of the last projection over its step length: tends to ||A^T r||*.
+    lambda: f64,
     /// The last values of ||r||^2, in a ring.
     history: [f64; HISTORY],
     newest: usize,
@@ -77,6 +80,7 @@ impl<'a, O: Operator + ?Sized> Descent<'a, O> {
             trial_r: vec![0.0; rows],
             step: 1.0,
             first_step: 1.0,
+            lambda: 0.0,
             history: [rr; HISTORY],
             newest: 0,
             transforms: 0,
@@ -110,7 +114,8 @@ impl<'a, O: Operator + ?Sized> Descent<'a, O> {
     /// One step within the ball of radius `tau`, which must hold the iterate.
     pub(super) fn step(&mut self, tau: f64) -> Moved {
         step_from(&self.s, self.step, &self.c, &mut self.trial_s);
-        self.projector.project(self.norm, &mut self.trial_s, tau);
+        let guess = self.step * self.lambda;
+        self.lambda = self.projector.project_from(self.norm, &mut self.trial_s, tau, guess) / self.step;
         let (slope, length_squared) = slope_and_length(&self.trial_s, &self.s, &self.c);
         if !(slope.is_finite() && self.rr.is_finite()) {
             return Moved::NotFinite;

@@ -5,6 +5,7 @@
 //! groups: weight |s_i| for a single, sqrt 2 weight hypot(s_i, s_j) for a pair. The Euclidean inner product stays the
 //! plain one, so the dual norm is the largest group magnitude over group weight.
 
+use super::vector::LANES;
 use crate::error::{Error, Result};
 use std::f64::consts::SQRT_2;
 
@@ -20,6 +21,8 @@ pub struct Norm {
     groups: Groups,
     /// One weight per group, in the order of `groups`; that of a pair includes its sqrt 2.
     weights: Vec<f64>,
+    /// 1 / weights
+    inverses: Vec<f64>,
     cols: usize,
 }
 
@@ -35,7 +38,7 @@ enum Groups {
 impl Norm {
     /// The plain l1 norm of `cols` coefficients: all weights 1, no pairs.
     pub fn l1(cols: usize) -> Norm {
-        Norm { groups: Groups::Plain, weights: vec![1.0; cols], cols }
+        Norm::from_groups(Groups::Plain, vec![1.0; cols], cols)
     }
 
     /// The norm of `cols` coefficients with `weights[i]` on coefficient i (all 1 if `None`) and `partner[i]` the other
@@ -55,7 +58,7 @@ impl Norm {
         }
         let weight = |i: usize| weights.map_or(1.0, |w| w[i]);
         let Some(partner) = partner else {
-            return Ok(Norm { groups: Groups::Plain, weights: (0..cols).map(weight).collect(), cols });
+            return Ok(Norm::from_groups(Groups::Plain, (0..cols).map(weight).collect(), cols));
         };
         if partner.len() != cols {
             return invalid(format!("{} partners for {cols} coefficients", partner.len()));
@@ -79,7 +82,12 @@ impl Norm {
             }
         }
         single_weights.extend(pair_weights);
-        Ok(Norm { groups: Groups::Paired { singles, pairs }, weights: single_weights, cols })
+        Ok(Norm::from_groups(Groups::Paired { singles, pairs }, single_weights, cols))
+    }
+
+    fn from_groups(groups: Groups, weights: Vec<f64>, cols: usize) -> Norm {
+        let inverses = weights.iter().map(|w| 1.0 / w).collect();
+        Norm { groups, weights, inverses, cols }
     }
 
     /// Number of coefficients.
@@ -97,25 +105,17 @@ impl Norm {
     /// # Panics
     /// This and all other methods panic where a slice's length is not [`Norm::cols`].
     pub fn primal(&self, s: &[f64]) -> f64 {
-        let mut sums = [0.0; 4];
-        let mut lane = 0;
-        self.for_each(s, |magnitude, weight| {
-            sums[lane] += weight * magnitude;
-            lane = (lane + 1) % 4;
-        });
-        sums.iter().sum()
+        self.fold(s, &self.weights, |sum, magnitude, weight| sum + weight * magnitude).iter().sum()
     }
 
     /// The dual norm: the largest group magnitude over group weight, max { <g, s> : ||W s||_1 <= 1 }.
     /// Zero where there are no coefficients; NaN entries are passed over.
     pub fn dual(&self, g: &[f64]) -> f64 {
-        let mut largest = [0.0f64; 4];
-        let mut lane = 0;
-        self.for_each(g, |magnitude, weight| {
-            largest[lane] = largest[lane].max(magnitude / weight);
-            lane = (lane + 1) % 4;
-        });
-        largest.iter().fold(0.0, |a, &b| a.max(b))
+        // Comparisons, not f64::max: they compile to one vector instruction.
+        let larger = |a: f64, b: f64| if b > a { b } else { a };
+        self.fold(g, &self.inverses, |largest, magnitude, inverse| larger(largest, magnitude * inverse))
+            .into_iter()
+            .fold(0.0, larger)
     }
 
     /// The proximal map of lambda ||W s||_1, in place: every group magnitude m becomes max(m - lambda weight, 0).
@@ -135,8 +135,14 @@ impl Norm {
                 }
                 for (&[i, j], &w) in pairs.iter().zip(pair_weights) {
                     let (i, j) = (i as usize, j as usize);
+                    let threshold = lambda * w;
+                    // Most pairs vanish, and this bound of the magnitude spares them the square root.
+                    if s[i].abs() + s[j].abs() <= threshold {
+                        (s[i], s[j]) = (0.0, 0.0);
+                        continue;
+                    }
                     let magnitude = pair_magnitude(s[i], s[j]);
-                    let kept = (magnitude - lambda * w).max(0.0);
+                    let kept = magnitude - threshold;
                     let factor = if kept > 0.0 { kept / magnitude } else { 0.0 };
                     s[i] *= factor;
                     s[j] *= factor;
@@ -165,37 +171,175 @@ impl Norm {
                 for (m, &i) in of_singles.iter_mut().zip(singles) {
                     *m = s[i as usize].abs();
                 }
-                for (m, &[i, j]) in of_pairs.iter_mut().zip(pairs) {
+                let (m_lanes, m_rest) = of_pairs.as_chunks_mut::<LANES>();
+                let (p_lanes, p_rest) = pairs.as_chunks::<LANES>();
+                for (m, p) in m_lanes.iter_mut().zip(p_lanes) {
+                    *m = pair_magnitudes(p, s);
+                }
+                for (m, &[i, j]) in m_rest.iter_mut().zip(p_rest) {
                     *m = pair_magnitude(s[i as usize], s[j as usize]);
                 }
             }
         }
     }
 
-    /// Calls `f(magnitude, weight)` for every group.
+    /// Folds `f(so far, magnitude, weight)` over the groups and their `weights`, in independent lanes from 0.
     #[inline(always)]
-    fn for_each(&self, s: &[f64], mut f: impl FnMut(f64, f64)) {
+    fn fold(&self, s: &[f64], weights: &[f64], f: impl Fn(f64, f64, f64) -> f64) -> [f64; LANES] {
         assert_eq!(s.len(), self.cols);
+        let mut lanes = [0.0; LANES];
         match &self.groups {
-            Groups::Plain => s.iter().zip(&self.weights).for_each(|(v, &w)| f(v.abs(), w)),
+            Groups::Plain => {
+                let (s_lanes, s_rest) = s.as_chunks::<LANES>();
+                let (w_lanes, w_rest) = weights.as_chunks::<LANES>();
+                for (v, w) in s_lanes.iter().zip(w_lanes) {
+                    for k in 0..LANES {
+                        lanes[k] = f(lanes[k], v[k].abs(), w[k]);
+                    }
+                }
+                for (v, &w) in s_rest.iter().zip(w_rest) {
+                    lanes[0] = f(lanes[0], v.abs(), w);
+                }
+            }
             Groups::Paired { singles, pairs } => {
-                let (single_weights, pair_weights) = self.weights.split_at(singles.len());
-                singles.iter().zip(single_weights).for_each(|(&i, &w)| f(s[i as usize].abs(), w));
-                for (&[i, j], &w) in pairs.iter().zip(pair_weights) {
-                    f(pair_magnitude(s[i as usize], s[j as usize]), w);
+                let (single_weights, pair_weights) = weights.split_at(singles.len());
+                for (&i, &w) in singles.iter().zip(single_weights) {
+                    lanes[0] = f(lanes[0], s[i as usize].abs(), w);
+                }
+                let (p_lanes, p_rest) = pairs.as_chunks::<LANES>();
+                let (w_lanes, w_rest) = pair_weights.as_chunks::<LANES>();
+                for (p, w) in p_lanes.iter().zip(w_lanes) {
+                    let magnitudes = pair_magnitudes(p, s);
+                    for k in 0..LANES {
+                        lanes[k] = f(lanes[k], magnitudes[k], w[k]);
+                    }
+                }
+                for (&[i, j], &w) in p_rest.iter().zip(w_rest) {
+                    lanes[0] = f(lanes[0], pair_magnitude(s[i as usize], s[j as usize]), w);
                 }
             }
         }
+        lanes
     }
 }
 
-/// sqrt(a^2 + b^2); the slow, scaled form only where squares would leave the range.
-#[inline]
+/// sqrt(a^2 + b^2); the slow, scaled form only where a square would leave the range.
 fn pair_magnitude(a: f64, b: f64) -> f64 {
     let squared = a * a + b * b;
-    if (1e-280..=1e300).contains(&squared) { squared.sqrt() } else { a.hypot(b) }
+    if squared > 1e-280 && squared < 1e300 { squared.sqrt() } else { a.hypot(b) }
+}
+
+/// [`pair_magnitude`] of several pairs.
+#[inline(always)]
+fn pair_magnitudes(pairs: &[[u32; 2]; LANES], s: &[f64]) -> [f64; LANES] {
+    let (mut a, mut b, mut magnitudes) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+    for (k, &[i, j]) in pairs.iter().enumerate() {
+        (a[k], b[k]) = (s[i as usize], s[j as usize]);
+    }
+    let mut exact = true;
+    for k in 0..LANES {
+        let squared = a[k] * a[k] + b[k] * b[k];
+        exact &= (squared > 1e-280) & (squared < 1e300) | (a[k].abs() + b[k].abs() == 0.0);
+        magnitudes[k] = squared.sqrt();
+    }
+    if !exact {
+        for k in 0..LANES {
+            magnitudes[k] = a[k].hypot(b[k]);
+        }
+    }
+    magnitudes
 }
 
 fn invalid<T>(what: String) -> Result<T> {
     Err(Error::InvalidArgument(what))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// DC, two pairs, Nyquist.
+    const PARTNER: [u32; 6] = [0, 5, 4, 3, 2, 1];
+
+    fn is_invalid(result: Result<Norm>) -> bool {
+        matches!(result, Err(Error::InvalidArgument(_)))
+    }
+
+    #[test]
+    fn bad_arguments_are_refused() {
+        assert!(is_invalid(Norm::new(2, Some(&[1.0]), None)));
+        for bad in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-101, 1e101] {
+            assert!(is_invalid(Norm::new(2, Some(&[1.0, bad]), None)));
+        }
+        assert!(is_invalid(Norm::new(2, None, Some(&[0]))));
+        assert!(is_invalid(Norm::new(2, None, Some(&[0, 2]))));
+        assert!(is_invalid(Norm::new(3, None, Some(&[1, 2, 0]))));
+        assert!(is_invalid(Norm::new(2, Some(&[1.0, 2.0]), Some(&[1, 0]))));
+        assert_eq!(Norm::new(0, None, None).unwrap().dual(&[]), 0.0);
+    }
+
+    #[test]
+    fn pairs_count_as_complex_magnitudes() {
+        // A Hermitian spectrum of 6 samples: real DC and Nyquist, (re, im) at 1 and 2, their conjugates at 5 and 4.
+        let (dc, nyquist, z1, z2) = (-3.0f64, 0.5, (1.0f64, -2.0f64), (0.25f64, 4.0f64));
+        let s = [dc, SQRT_2 * z1.0, SQRT_2 * z2.0, nyquist, SQRT_2 * z2.1, SQRT_2 * z1.1];
+        let weights = [1.0, 2.0, 3.0, 4.0, 3.0, 2.0];
+        let (m1, m2) = (z1.0.hypot(z1.1), z2.0.hypot(z2.1));
+        let norm = Norm::new(6, Some(&weights), Some(&PARTNER)).unwrap();
+        assert_eq!(norm.groups(), 4);
+        let complex = 1.0 * 3.0 + 4.0 * 0.5 + 2.0 * (2.0 * m1) + 2.0 * (3.0 * m2);
+        assert!((norm.primal(&s) - complex).abs() < 1e-14 * complex);
+
+        // The complex soft threshold z max(1 - lambda w / |z|, 0), in the same scaling.
+        let mut shrunk = s;
+        norm.soft_threshold(&mut shrunk, 0.6);
+        let (f1, f2) = (1.0 - 0.6 * 2.0 / m1, 1.0 - 0.6 * 3.0 / m2);
+        let expected = [-2.4, SQRT_2 * z1.0 * f1, SQRT_2 * z2.0 * f2, 0.0, SQRT_2 * z2.1 * f2, SQRT_2 * z1.1 * f1];
+        for (a, b) in shrunk.iter().zip(expected) {
+            assert!((a - b).abs() < 1e-14, "{shrunk:?}");
+        }
+    }
+
+    #[test]
+    fn extreme_magnitudes_survive() {
+        let norm = Norm::new(18, None, Some(&(0..18u32).map(|i| i ^ 1).collect::<Vec<_>>())).unwrap();
+        for size in [1e-300, 1e-160, 1.0, 1e160, 1e300] {
+            let s = [size; 18];
+            let mut magnitudes = [0.0; 9];
+            norm.magnitudes(&s, &mut magnitudes);
+            for m in magnitudes {
+                assert!((m / size - SQRT_2).abs() < 1e-15);
+            }
+            assert!((norm.dual(&s) / size - 1.0).abs() < 1e-15);
+        }
+        let mut s = [0.0; 18];
+        norm.soft_threshold(&mut s, 0.0);
+        assert_eq!(s, [0.0; 18]);
+    }
+
+    proptest! {
+        #[test]
+        fn dual_norm_bounds_inner_products_and_is_attained(
+            s in prop::collection::vec(-5.0..5.0f64, 40),
+            g in prop::collection::vec(-5.0..5.0f64, 40),
+            weights in prop::collection::vec(0.1..9.0f64, 20),
+            paired: bool,
+        ) {
+            let weights: Vec<f64> = (0..40).map(|i| weights[i / 2]).collect();
+            let partner: Vec<u32> = (0..40).map(|i| if i < 4 { i } else { i ^ 1 }).collect();
+            let norm = Norm::new(40, Some(&weights), paired.then_some(&partner)).unwrap();
+            let product: f64 = s.iter().zip(&g).map(|(a, b)| a * b).sum();
+            prop_assert!(product <= norm.primal(&s) * norm.dual(&g) * (1.0 + 1e-14));
+            // The group that attains the dual norm, alone and scaled to norm 1.
+            let best = (0..40).map(|i| {
+                let j = if paired { partner[i] as usize } else { i };
+                let mut only = vec![0.0; 40];
+                (only[i], only[j]) = (g[i], g[j]);
+                only.iter().zip(&g).map(|(a, b)| a * b).sum::<f64>() / norm.primal(&only)
+            });
+            let best = best.fold(0.0, f64::max);
+            prop_assert!((best - norm.dual(&g)).abs() < 1e-13 * best);
+        }
+    }
 }

@@ -16,9 +16,9 @@ use super::spgl1::{Options, Stop};
 use super::vector::{dot, scale};
 
 /// Newton steps follow when ||r||^2 changes by less than this fraction a step (spgl1's dec_tol) ...
-const SETTLED: f64 = 1e-4;
+const SETTLED: f64 = 3e-4;
 /// ... or, within a factor 2 of sigma, by less than this fraction times |residual - sigma|.
-const SETTLED_NEAR_ROOT: f64 = 0.1;
+const SETTLED_NEAR_ROOT: f64 = 1.0;
 /// ||A^T r|| / ||r|| relative to its value at s = 0 below which r is orthogonal to the range of A.
 const LEAST_SQUARES: f64 = 1e-7;
 /// Residuals this far below the tolerance mean that tau is past the root of a sigma near 0.
@@ -75,10 +75,13 @@ pub(super) fn bpdn<O: Operator + ?Sized>(
     let mut tau = 0.0f64;
     if let Some(start) = start {
         let start_norm = norm.primal(start).min(TAU_LIMIT);
-        lower = ((yy - sigma) / norm.dual(&descent.c)).min(TAU_LIMIT).max(0.0);
+        let bound = (yy - sigma) / norm.dual(&descent.c);
+        if bound > lower {
+            lower = bound.min(TAU_LIMIT);
+        }
         descent.restart(start, start_norm);
         tau = start_norm;
-        if !(descent.rr < yy) {
+        if descent.rr.is_nan() || descent.rr >= yy {
             // Worse than nothing.
             tau = 0.0;
             descent.shrink(tau);

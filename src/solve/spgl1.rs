@@ -3,7 +3,7 @@
 //!
 //! Source: E. van den Berg, M. P. Friedlander, "Probing the Pareto frontier for basis pursuit solutions", SIAM J. Sci.
 //! Comput. 31(2), 890-912, 2008. Differences from the published program are stated where they are made: the search
-//! ([`descent`](super)) never spends an extra transform, and every solution carries a proven duality gap.
+//! (`descent.rs`) never spends an extra transform, and every solution carries a proven duality gap.
 //!
 //! Samples are normalised to ||y|| = 1 inside, so results scale with the data from denormals to 1e300.
 
@@ -161,7 +161,7 @@ pub fn lasso<O: Operator + ?Sized>(
     options: &Options,
 ) -> Result<Solution> {
     check(op, y, norm, options)?;
-    if !(tau >= 0.0) {
+    if tau.is_nan() || tau < 0.0 {
         return invalid(format!("tau is {tau}; it must be 0 or more"));
     }
     let problem = Problem::new(y, norm);
@@ -186,7 +186,7 @@ fn solve_bpdn<O: Operator + ?Sized>(
     start: Option<&[f64]>,
 ) -> Result<Solution> {
     check(op, y, norm, options)?;
-    if !(sigma >= 0.0) {
+    if sigma.is_nan() || sigma < 0.0 {
         return invalid(format!("sigma is {sigma}; it must be 0 or more"));
     }
     let problem = Problem::new(y, norm);

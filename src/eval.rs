@@ -1,0 +1,228 @@
+//! BRDF values at pairs of directions, straight from a compressed file.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use crate::coords::{Lookup, grid_coordinates, taps};
+use crate::decode::{Reader, Scratch};
+use crate::error::{Error, Result};
+
+/// Blocks kept unless the caller says otherwise: 64 of 6 x 10 x 60 x 3 values are 2.8 MB.
+const DEFAULT_BLOCKS: usize = 64;
+
+/// A decoded block.
+struct Cached {
+    block: usize,
+    values: Vec<f32>,
+}
+
+/// Evaluates a file at directions; rebuilds blocks when first touched and keeps some of them.
+///
+/// Shared between threads by reference: each block has one place in the cache, locked for the moment of a look-up.
+pub struct Brdf<D> {
+    reader: Reader<D>,
+    lookup: Lookup,
+    /// Direct-mapped: block b lives at b modulo the length.
+    cache: Vec<Mutex<Option<Arc<Cached>>>>,
+}
+
+impl<D: AsRef<[u8]>> Brdf<D> {
+    /// An evaluator with trilinear lookup and a cache of 64 blocks.
+    ///
+    /// # Errors
+    /// `InvalidArgument` if the axes of the file are not angles of directions.
+    pub fn open(reader: Reader<D>) -> Result<Brdf<D>> {
+        let up = [0.0, 0.0, 1.0];
+        if grid_coordinates(reader.grid(), up, up).is_none() {
+            let names: Vec<_> = reader.grid().axes().iter().map(|a| a.name.as_str()).collect();
+            return Err(Error::InvalidArgument(format!("axes {names:?} do not say how directions map to the grid")));
+        }
+        Ok(Brdf { reader, lookup: Lookup::Linear, cache: Vec::new() }.with_cache(DEFAULT_BLOCKS))
+    }
+
+    /// The same with another lookup: nearest bin, or linear between bin centres.
+    pub fn with_lookup(self, lookup: Lookup) -> Brdf<D> {
+        Brdf { lookup, ..self }
+    }
+
+    /// The same with a cache of `blocks` blocks, at least one.
+    pub fn with_cache(self, blocks: usize) -> Brdf<D> {
+        let length = blocks.clamp(1, self.reader.block_count());
+        Brdf { cache: (0..length).map(|_| Mutex::new(None)).collect(), ..self }
+    }
+
+    /// The file.
+    pub fn reader(&self) -> &Reader<D> {
+        &self.reader
+    }
+
+    /// BRDF in 1/sr for light from `wi` and view to `wo`: vectors away from the surface in its frame, the normal
+    /// along z; their length does not matter. 0 if one points below the horizon, is zero or not finite.
+    ///
+    /// # Errors
+    /// `Corrupt` if a block that is needed is damaged; `InvalidArgument` if the file has not three channels.
+    pub fn eval(&self, wi: [f64; 3], wo: [f64; 3]) -> Result<[f32; 3]> {
+        let mut value = [0.0; 3];
+        self.eval_into(wi, wo, &mut value)?;
+        Ok(value)
+    }
+
+    /// As [`Brdf::eval`] for any number of channels.
+    ///
+    /// # Errors
+    /// `Corrupt` if a block that is needed is damaged; `InvalidArgument` if `value` is not one value a channel.
+    pub fn eval_into(&self, wi: [f64; 3], wo: [f64; 3], value: &mut [f32]) -> Result<()> {
+        let grid = self.reader.grid();
+        let channels = grid.channels().len();
+        if value.len() != channels {
+            return Err(Error::InvalidArgument(format!("the file has {channels} channels, not {}", value.len())));
+        }
+        value.fill(0.0);
+        let Some(coordinates) = grid_coordinates(grid, wi, wo) else { return Ok(()) };
+        let shape = grid.shape();
+        let mut held: Option<Arc<Cached>> = None;
+        for &(position, weight) in taps(grid, coordinates, self.lookup).as_slice() {
+            let position = [
+                position / (shape[1] * shape[2] * shape[3]),
+                position / (shape[2] * shape[3]) % shape[1],
+                position / shape[3] % shape[2],
+                position % shape[3],
+            ];
+            let Some((block, index)) = self.reader.partition().locate(position) else { continue };
+            let cached = match held.take() {
+                Some(cached) if cached.block == block => cached,
+                _ => self.block(block)?,
+            };
+            let n = cached.values.len() / channels;
+            for (c, sum) in value.iter_mut().enumerate() {
+                *sum += cached.values[c * n + index] * weight as f32;
+            }
+            held = Some(cached);
+        }
+        // Weights sum to one only up to rounding, and saturated values stand at the largest finite number.
+        value.iter_mut().for_each(|v| *v = v.min(f32::MAX));
+        Ok(())
+    }
+
+    fn block(&self, block: usize) -> Result<Arc<Cached>> {
+        let slot = &self.cache[block % self.cache.len()];
+        // A poisoned lock holds a complete entry: entries are replaced whole.
+        let found = slot.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        if let Some(cached) = found.filter(|cached| cached.block == block) {
+            return Ok(cached);
+        }
+        let mut values = vec![0.0; self.reader.block_values(block)?];
+        self.reader.block_with(block, &mut Scratch::default(), &mut values)?;
+        let cached = Arc::new(Cached { block, values });
+        *slot.lock().unwrap_or_else(PoisonError::into_inner) = Some(cached.clone());
+        Ok(cached)
+    }
+}
+
+#[cfg(all(test, feature = "encode"))]
+mod tests {
+    use super::*;
+    use crate::coords::{HalfDiff, directions};
+    use crate::encode::Encoder;
+    use crate::grid::{Axis, AxisName, Grid, Mapping};
+    use crate::sample::SplitMix64;
+    use crate::table::synth::Recipe;
+    use std::f64::consts::{FRAC_PI_2, PI};
+
+    fn small_brdf() -> Brdf<Vec<u8>> {
+        let axis = |name, len, mapping, end| Axis { name, len, mapping, start: 0.0, end };
+        let axes = vec![
+            axis(AxisName::ThetaH, 18, Mapping::Square, FRAC_PI_2),
+            axis(AxisName::ThetaD, 15, Mapping::Linear, FRAC_PI_2),
+            axis(AxisName::PhiD, 24, Mapping::Linear, PI),
+        ];
+        let grid = Grid::new(axes, Grid::rgb_channels([1.0; 3])).unwrap();
+        let table = Recipe::named("satin-paint").unwrap().synthesise(&grid).unwrap();
+        let bytes = Encoder::new().block_shape(&[7, 6, 10]).encode(&table).unwrap().bytes;
+        Brdf::open(Reader::open(bytes).unwrap()).unwrap()
+    }
+
+    fn random_direction(random: &mut SplitMix64) -> [f64; 3] {
+        let mut uniform = || (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
+        let (z, phi) = (uniform(), 2.0 * PI * uniform());
+        let r = (1.0 - z * z).sqrt();
+        [r * phi.cos(), r * phi.sin(), z]
+    }
+
+    #[test]
+    fn eval_is_the_weighted_sum_of_the_decoded_table() {
+        for lookup in [Lookup::Nearest, Lookup::Linear] {
+            // One place in the cache: every other block evicts.
+            for cache in [1, 64] {
+                let brdf = small_brdf().with_lookup(lookup).with_cache(cache);
+                let table = brdf.reader().decode_all().unwrap();
+                let n = brdf.reader().grid().positions();
+                let mut random = SplitMix64(3);
+                for _ in 0..300 {
+                    let (wi, wo) = (random_direction(&mut random), random_direction(&mut random));
+                    let value = brdf.eval(wi, wo).unwrap();
+                    let at = grid_coordinates(brdf.reader().grid(), wi, wo).unwrap();
+                    for (c, value) in value.iter().enumerate() {
+                        let expected: f64 = taps(brdf.reader().grid(), at, lookup)
+                            .as_slice()
+                            .iter()
+                            .map(|&(position, weight)| f64::from(table[c * n + position]) * weight)
+                            .sum();
+                        assert!((f64::from(*value) - expected).abs() <= 1e-5 * expected.abs() + 1e-7);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn bin_centres_give_the_bins_value() {
+        let brdf = small_brdf();
+        let grid = brdf.reader().grid().clone();
+        let table = brdf.reader().decode_all().unwrap();
+        for (h, d, p) in [(0, 0, 0), (3, 5, 11), (9, 2, 23)] {
+            let angle = |axis: usize, i: usize| grid.axes()[axis].angle(i as f64 + 0.5);
+            let at = HalfDiff { theta_h: angle(0, h), phi_h: 0.3, theta_d: angle(1, d), phi_d: angle(2, p) };
+            let (wi, wo) = directions(at);
+            let expected = table[(h * 15 + d) * 24 + p];
+            let got = brdf.eval(wi, wo).unwrap()[0];
+            assert!((got / expected - 1.0).abs() < 1e-3, "{got} {expected}");
+        }
+    }
+
+    #[test]
+    fn edges_of_the_domain_are_finite() {
+        let brdf = small_brdf();
+        let up = [0.0, 0.0, 1.0];
+        let graze = [1.0, 0.0, 0.0];
+        for (wi, wo) in [(up, up), (graze, graze), (graze, [-1.0, 0.0, 1e-9]), (up, graze), ([1e-200, 0.0, 1e-200], up)]
+        {
+            assert!(brdf.eval(wi, wo).unwrap().iter().all(|v| v.is_finite() && *v >= 0.0));
+        }
+        let below = [0.0, 0.6, -0.8];
+        for (wi, wo) in
+            [(below, up), (up, below), (up, [f64::NAN, 0.0, 1.0]), ([0.0; 3], up), (up, [0.0, 0.0, f64::INFINITY])]
+        {
+            assert_eq!(brdf.eval(wi, wo).unwrap(), [0.0; 3]);
+        }
+        assert!(brdf.eval_into(up, up, &mut [0.0; 4]).is_err());
+    }
+
+    #[test]
+    fn threads_agree() {
+        let brdf = small_brdf().with_cache(2);
+        let pairs: Vec<_> = {
+            let mut random = SplitMix64(5);
+            (0..200).map(|_| (random_direction(&mut random), random_direction(&mut random))).collect()
+        };
+        let expected: Vec<_> = pairs.iter().map(|&(wi, wo)| brdf.eval(wi, wo).unwrap()).collect();
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| {
+                    for (&(wi, wo), expected) in pairs.iter().zip(&expected) {
+                        assert_eq!(brdf.eval(wi, wo).unwrap(), *expected);
+                    }
+                });
+            }
+        });
+    }
+}

@@ -1,0 +1,155 @@
+//! Damaged, cut and foreign bytes: every one is refused with its place, none panics.
+#![cfg(feature = "encode")]
+
+use csbrdf::decode::Reader;
+use csbrdf::encode::{Encoder, Preset};
+use csbrdf::error::Error;
+use csbrdf::format::{END_MARKER, Limits, MAGIC};
+use csbrdf::grid::{Axis, Grid};
+use csbrdf::table::BrdfTable;
+use csbrdf::table::synth::Recipe;
+use std::sync::OnceLock;
+
+fn table() -> BrdfTable {
+    let lens = [10, 12, 16];
+    let merl = Grid::merl(180);
+    let axes: Vec<Axis> = merl.axes().iter().zip(lens).map(|(&axis, len)| Axis { len, ..axis }).collect();
+    let grid = Grid::new(axes, merl.channels().to_vec()).unwrap();
+    Recipe { holes: 0.03, ..Recipe::named("satin-paint").unwrap() }.synthesise(&grid).unwrap()
+}
+
+/// A small file with every class of block that random holes and the horizon bring about.
+fn file() -> &'static [u8] {
+    static FILE: OnceLock<Vec<u8>> = OnceLock::new();
+    FILE.get_or_init(|| Encoder::new().block_shape(&[5, 6, 8]).encode(&table()).unwrap().bytes)
+}
+
+/// The first error that opening, decoding and verifying give.
+fn first_error(data: &[u8]) -> Option<Error> {
+    match Reader::open(data) {
+        Err(e) => Some(e),
+        Ok(reader) => {
+            let all = reader.decode_all().err();
+            let verified = reader.verify().into_iter().next();
+            all.or(verified)
+        }
+    }
+}
+
+#[test]
+fn every_flipped_bit_is_detected() {
+    let good = file();
+    assert!(first_error(good).is_none());
+    for bit in 0..8 * good.len() {
+        let mut bad = good.to_vec();
+        bad[bit / 8] ^= 1 << (bit % 8);
+        assert!(first_error(&bad).is_some(), "bit {bit} of {}", 8 * good.len());
+    }
+}
+
+#[test]
+fn every_cut_is_detected() {
+    let good = file();
+    for length in 0..good.len() {
+        let error = Reader::open(&good[..length]).err().expect("a cut file does not open");
+        let named = matches!(error, Error::Truncated { .. } | Error::NotCsbrdf { .. });
+        assert!(named, "{length}: {error}");
+    }
+    let mut longer = good.to_vec();
+    longer.push(0);
+    assert!(Reader::open(&longer).is_err());
+}
+
+#[test]
+fn damage_in_a_record_costs_that_block_only() {
+    let good = file();
+    let intact = Reader::open(good).unwrap();
+    let reference = intact.decode_all().unwrap();
+    assert!(!reference.is_empty());
+    for hurt in [0, 3, intact.block_count() - 1] {
+        let mut bad = good.to_vec();
+        bad[intact.block_info(hurt).unwrap().record.start] ^= 0x55;
+        let reader = Reader::open(&bad[..]).unwrap();
+        for block in 0..reader.block_count() {
+            let mut values = vec![0.0; reader.block_values(block).unwrap()];
+            let mut expected = values.clone();
+            intact.block_into(block, &mut expected).unwrap();
+            match reader.block_into(block, &mut values) {
+                Ok(()) => assert!(block != hurt && values == expected),
+                Err(e) => {
+                    assert_eq!(block, hurt);
+                    let place = intact.block_info(block).unwrap().record.start;
+                    assert!(e.to_string().contains(&format!("RECS at offset {place}")), "{e}");
+                }
+            }
+        }
+        // The section's own checksum and the record's.
+        assert_eq!(reader.verify().len(), 2);
+    }
+}
+
+#[test]
+fn swapped_records_are_detected() {
+    let good = file();
+    let reader = Reader::open(good).unwrap();
+    let records: Vec<_> = (0..reader.block_count()).map(|b| reader.block_info(b).unwrap().record).collect();
+    let mut swaps = 0;
+    for (i, a) in records.iter().enumerate() {
+        for b in records[i + 1..].iter().filter(|b| b.len() == a.len()) {
+            let mut bad = good.to_vec();
+            bad[a.clone()].copy_from_slice(&good[b.clone()]);
+            bad[b.clone()].copy_from_slice(&good[a.clone()]);
+            if bad != good {
+                assert!(Reader::open(&bad[..]).unwrap().decode_all().is_err());
+                swaps += 1;
+            }
+        }
+    }
+    assert!(swaps > 0, "the file has no two records of one length");
+}
+
+#[test]
+fn foreign_and_newer_files_are_named() {
+    let says = |data: &[u8]| Reader::open(data).err().expect("refused").to_string();
+    assert!(says(b"").contains("empty"));
+    assert!(says(b"<html>not found</html>").contains("text"));
+    assert!(says(&90i32.to_le_bytes().repeat(3)).contains("MERL"));
+    assert!(says(&[0; 100]).contains("not a csbrdf file"));
+    for (at, name) in [(8, "version 2.0 draft 1"), (12, "version 1.0 draft 2")] {
+        let mut newer = file().to_vec();
+        newer[at] += 1;
+        assert!(says(&newer).contains(name), "{}", says(&newer));
+    }
+    let text_mode: Vec<u8> = file().iter().copied().filter(|&b| b != b'\r').collect();
+    assert!(says(&text_mode).contains("binary mode"));
+    assert!(file().starts_with(&MAGIC) && file().ends_with(&END_MARKER));
+}
+
+#[test]
+fn limits_are_the_callers() {
+    let n = table().values().len();
+    let reader = Reader::open_with_limits(file(), Limits { table_values: n - 1, ..Limits::default() }).unwrap();
+    assert!(matches!(reader.decode_all(), Err(Error::LimitExceeded { .. })));
+    assert!(matches!(reader.decode_table(), Err(Error::LimitExceeded { .. })));
+    let tight = Limits { block_values: 5 * 6 * 8 * 3 - 1, ..Limits::default() };
+    assert!(matches!(Reader::open_with_limits(file(), tight), Err(Error::LimitExceeded { .. })));
+}
+
+#[test]
+fn calls_with_wrong_arguments_are_refused() {
+    let reader = Reader::open(file()).unwrap();
+    assert!(reader.block_into(reader.block_count(), &mut []).is_err());
+    assert!(reader.block_into(0, &mut [0.0; 7]).is_err());
+    assert!(reader.block_info(usize::MAX).is_err());
+    assert!(reader.block_origin(usize::MAX).is_err());
+}
+
+#[test]
+fn paper_files_are_checked_as_well() {
+    let bytes = Encoder::new().preset(Preset::Paper).encode(&table()).unwrap().bytes;
+    for bit in (0..8 * bytes.len()).step_by(13) {
+        let mut bad = bytes.clone();
+        bad[bit / 8] ^= 1 << (bit % 8);
+        assert!(first_error(&bad).is_some(), "bit {bit}");
+    }
+}
