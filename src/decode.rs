@@ -118,7 +118,7 @@ impl Header {
         scratch
             .walk
             .code(&mut decoder, block.shape, &mut scratch.coefficients, &mut scratch.extents)
-            .map_err(|_| "a coefficient is out of range")?;
+            .map_err(|_| "an extent or a coefficient is out of range")?;
         if decoder.unread() > 0 {
             return Err("bytes are left over after the last coefficient");
         }

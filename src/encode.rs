@@ -13,7 +13,9 @@ use serde_json::json;
 use crate::block::{Block, Partition};
 use crate::channel::ChannelTransform;
 use crate::error::{Error, Result};
+use crate::format::header::Coding;
 use crate::format::metadata::Metadata;
+use crate::format::{EPS_RANGE, STEP_RANGE};
 use crate::fourier::Basis;
 use crate::horizon::{Horizon, fit_threshold};
 use crate::quantize::{Quantizer, quantize_mean};
@@ -40,12 +42,20 @@ pub enum Channels {
     Opponent,
 }
 
+/// How the grid is cut.
+#[derive(Clone, Debug)]
+enum Blocks {
+    /// The cheapest of the candidate shapes.
+    Cheapest,
+    Shape(Vec<usize>),
+    Partition(Partition),
+}
+
 /// Settings of an encode, then [`Encoder::encode`].
 #[derive(Clone, Debug)]
 pub struct Encoder {
     basis: Basis,
-    /// `None`: the cheapest of the candidates.
-    block_shape: Option<Vec<usize>>,
+    blocks: Blocks,
     sampling: Sampling,
     seed: u64,
     step: f32,
@@ -88,8 +98,8 @@ pub struct Report {
     pub iterations: usize,
     /// Solves that ended above their sigma.
     pub missed_sigma: usize,
-    /// Wall seconds: recovery and quantisation, coding and checking.
-    pub seconds: [f64; 2],
+    /// Wall seconds of the whole encode.
+    pub seconds: f64,
 }
 
 /// A block after quantisation.
@@ -97,7 +107,8 @@ struct Quantized {
     shape: [usize; 4],
     /// `[component][position]`, the first of each plane zero.
     coefficients: Vec<i32>,
-    means: Vec<i32>,
+    /// One a component; `None` where the component has no sample.
+    means: Vec<Option<i32>>,
     /// Sums over magnitudes 1, and 2 and above: how far below the integer the coefficient was, in steps; counts.
     shortfall: [(f64, u64); 2],
     /// Of the quantiser, in the coefficient domain, holes included.
@@ -117,7 +128,7 @@ impl Encoder {
     pub fn new() -> Encoder {
         Encoder {
             basis: Basis::Dct,
-            block_shape: None,
+            blocks: Blocks::Cheapest,
             sampling: Sampling::Every,
             seed: 0,
             step: 0.1,
@@ -137,7 +148,7 @@ impl Encoder {
             Preset::Archive => base,
             Preset::Paper => Encoder {
                 basis: Basis::Dft,
-                block_shape: Some(vec![15, 15, 15]),
+                blocks: Blocks::Shape(vec![15, 15, 15]),
                 sampling: Sampling::from_ratio(0.05).expect("within the range"),
                 sigma: Some(1e-3),
                 iterations: 300,
@@ -155,7 +166,12 @@ impl Encoder {
     /// Block length along each axis of the table, slowest first; clipped to the grid. A shape with fewer entries
     /// than the table has axes is padded in front with ones. Without a call several shapes are tried.
     pub fn block_shape(self, shape: &[usize]) -> Encoder {
-        Encoder { block_shape: Some(shape.to_vec()), ..self }
+        Encoder { blocks: Blocks::Shape(shape.to_vec()), ..self }
+    }
+
+    /// Tiles and block shapes of the caller's choice; the partition must be of the table's grid.
+    pub fn partition(self, partition: Partition) -> Encoder {
+        Encoder { blocks: Blocks::Partition(partition), ..self }
     }
 
     /// Share of the entries to sample.
@@ -209,11 +225,11 @@ impl Encoder {
 
     fn check(&self) -> Result<()> {
         let bad = |what: String| Err(Error::InvalidArgument(what));
-        if !(self.step.is_finite() && self.step > 0.0) {
-            return bad(format!("quality (the quantiser step) is {}, must be positive", self.step));
+        if !STEP_RANGE.contains(&self.step) {
+            return bad(format!("quality (the quantiser step) is {}, must be within {STEP_RANGE:?}", self.step));
         }
-        if !(self.eps.is_finite() && self.eps > 0.0) {
-            return bad(format!("eps is {}, must be positive", self.eps));
+        if !EPS_RANGE.contains(&self.eps) {
+            return bad(format!("eps is {}, must be within {EPS_RANGE:?}", self.eps));
         }
         if !(0.0..=0.5).contains(&self.rounding) {
             return bad(format!("rounding is {}, must be within 0 to 0.5", self.rounding));
@@ -238,7 +254,6 @@ impl Encoder {
     pub fn encode_with(&self, table: &BrdfTable, progress: &(dyn Fn(f64) + Sync)) -> Result<Encoded> {
         let start = Instant::now();
         self.check()?;
-        let channels = table.grid().channels().len();
         if !table.valid().contains(&true) {
             return Err(Error::InvalidArgument(
                 "the table has no valid entry: all are negative, NaN or infinite; nothing to encode".into(),
@@ -246,31 +261,40 @@ impl Encoder {
         }
         let transform = self.choose_transform(table);
         let (partition, share) = self.choose_partition(table, &transform, progress)?;
-        let blocks: Vec<Quantized> = self
-            .quantize_blocks(table, &transform, &partition, self.iterations, &|done| {
-                progress(share + (0.9 - share) * done)
-            })
-            .collect();
-        let recovered = start.elapsed().as_secs_f64();
+        let mut encoded = self.encode_partition(table, transform, partition, &|done| {
+            progress(share + (1.0 - share) * done);
+        })?;
+        encoded.report.seconds = start.elapsed().as_secs_f64();
+        Ok(encoded)
+    }
 
-        let shape = partition.shapes()[0][4 - table.grid().axes().len()..].to_vec();
-        let header = pack::Plan {
-            coding: crate::format::header::Coding {
-                basis: self.basis,
-                eps: self.eps,
-                sampling: self.sampling,
-                seed: self.seed,
-                transform,
-                steps: vec![self.step; channels],
-                shrink: shrink(&blocks),
-                horizon: fit_horizon(table),
-            },
-            partition,
+    /// The encode once the partition is known.
+    fn encode_partition(
+        &self,
+        table: &BrdfTable,
+        transform: ChannelTransform,
+        partition: Partition,
+        progress: &(dyn Fn(f64) + Sync),
+    ) -> Result<Encoded> {
+        let recover = |done| progress(0.9 * done);
+        let mut blocks: Vec<Quantized> =
+            self.quantize_blocks(table, &transform, &partition, self.iterations, &recover).collect();
+        fill_empty_means(&mut blocks, table.grid().channels().len());
+        let shapes: Vec<Vec<usize>> =
+            partition.shapes().iter().map(|s| s[4 - table.grid().axes().len()..].to_vec()).collect();
+        let coding = Coding {
+            basis: self.basis,
+            eps: self.eps,
+            sampling: self.sampling,
+            seed: self.seed,
+            transform,
+            steps: vec![self.step; table.grid().channels().len()],
+            shrink: shrink(&blocks),
+            horizon: fit_horizon(table),
         };
-        let packed = pack::pack(table, header, blocks.iter().map(|b| (&b.coefficients[..], &b.means[..])).collect())?;
-        progress(1.0);
+        let packed = pack::pack(table, coding, partition, &blocks)?;
         let cost = |part: fn(&Solves) -> usize| blocks.iter().map(|b| part(&b.cost)).sum();
-        let mut report = Report {
+        let report = Report {
             entries: table.values().len(),
             valid: table.valid_count(),
             sampled: blocks.iter().map(|b| b.sampled).sum(),
@@ -280,20 +304,20 @@ impl Encoder {
             solves: cost(|c| c.solves),
             iterations: cost(|c| c.iterations),
             missed_sigma: cost(|c| c.missed),
-            seconds: [recovered, 0.0],
+            seconds: 0.0,
         };
-        let metadata = self.describe(&report, &shape)?;
+        let metadata = self.describe(&report, &shapes)?;
         let bytes = packed.finish(&metadata.write()?);
-        report.seconds[1] = start.elapsed().as_secs_f64() - recovered;
+        progress(1.0);
         Ok(Encoded { bytes, report })
     }
 
     /// The caller's metadata with the encoder's settings and results.
-    fn describe(&self, report: &Report, shape: &[usize]) -> Result<Metadata> {
+    fn describe(&self, report: &Report, shapes: &[Vec<usize>]) -> Result<Metadata> {
         let tool = concat!("csbrdf ", env!("CARGO_PKG_VERSION"));
         let encoder = json!({
             "basis": self.basis.as_str(),
-            "block_shape": shape,
+            "block_shapes": shapes,
             "sampling": self.sampling.ratio(),
             "seed": self.seed,
             "quality": self.step,
@@ -328,8 +352,16 @@ impl Encoder {
         progress: &(dyn Fn(f64) + Sync),
     ) -> Result<(Partition, f64)> {
         let grid = table.grid().shape();
-        if let Some(shape) = &self.block_shape {
-            return Ok((uniform(grid, shape)?, 0.0));
+        match &self.blocks {
+            Blocks::Cheapest => {}
+            Blocks::Shape(shape) => return Ok((uniform(grid, shape)?, 0.0)),
+            Blocks::Partition(partition) if partition.grid() == grid => return Ok((partition.clone(), 0.0)),
+            Blocks::Partition(partition) => {
+                let other = partition.grid();
+                return Err(Error::InvalidArgument(format!(
+                    "a partition of the grid {other:?}, the table has {grid:?}"
+                )));
+            }
         }
         const TRIALS: f64 = 0.5;
         let candidates = shape::candidates(table.grid().axes().len());
@@ -387,15 +419,16 @@ impl Encoder {
         transform.forward(&mut log, channels);
         let seed = block_seed(self.seed, number as u32);
         let mut coefficients = vec![0; channels * n];
-        let mut means = vec![0; channels];
+        let mut means = vec![None; channels];
         let mut shortfall = [(0.0, 0); 2];
         let mut squared_error = 0.0;
         let mut sampled = 0;
         let mut cost = Solves::default();
         for c in 0..channels {
             let values = &mut log[c * n..(c + 1) * n];
-            sampled += recoverer.recover(block.shape, seed, values, &valid[c * n..(c + 1) * n], &mut cost);
-            means[c] = quantize_mean(self.step, values[0]);
+            let samples = recoverer.recover(block.shape, seed, values, &valid[c * n..(c + 1) * n], &mut cost);
+            means[c] = (samples > 0).then(|| quantize_mean(self.step, values[0]));
+            sampled += samples;
             for (q, &value) in coefficients[c * n..(c + 1) * n].iter_mut().zip(values.iter()).skip(1) {
                 *q = Quantizer::quantize(self.step, self.rounding, value);
                 squared_error += (value - f64::from(*q) * f64::from(self.step)).powi(2);
@@ -439,6 +472,23 @@ fn gather_log(table: &BrdfTable, block: &Block, eps: f64) -> (Vec<f64>, Vec<bool
     (values, valid)
 }
 
+/// Gives blocks without a sample the mean value of the block before, or of the first that has one: a guess near the
+/// blocks around, for lookups that interpolate across the edge of what was measured.
+fn fill_empty_means(blocks: &mut [Quantized], components: usize) {
+    for c in 0..components {
+        let root = |block: &Quantized| (block.shape.iter().product::<usize>() as f64).sqrt();
+        let first = blocks.iter().find_map(|b| b.means[c].map(|mean| f64::from(mean) / root(b)));
+        let mut last = first.unwrap_or(0.0);
+        for block in blocks.iter_mut() {
+            let root = root(block);
+            match block.means[c] {
+                Some(mean) => last = f64::from(mean) / root,
+                None => block.means[c] = Some(quantize_mean(1.0, last * root)),
+            }
+        }
+    }
+}
+
 /// Mean shortfall of the coefficients below their integers, in 1/256 of a step: where the decoder rebuilds them.
 fn shrink(blocks: &[Quantized]) -> [i8; 2] {
     [0, 1].map(|i| {
@@ -455,4 +505,51 @@ fn fit_horizon(table: &BrdfTable) -> Option<f64> {
     let invalid = any.iter().filter(|v| !**v).count();
     let (threshold, wrong) = fit_threshold(&horizon, table.grid().shape(), &any);
     (wrong < invalid).then_some(threshold)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::decode::Reader;
+    use crate::grid::{Axis, Grid};
+    use crate::table::synth::Recipe;
+
+    fn table() -> BrdfTable {
+        let merl = Grid::merl(180);
+        let axes: Vec<Axis> = merl.axes().iter().zip([20, 20, 36]).map(|(&axis, len)| Axis { len, ..axis }).collect();
+        Recipe::named("satin-paint").unwrap().synthesise(&Grid::new(axes, merl.channels().to_vec()).unwrap()).unwrap()
+    }
+
+    /// The format lets every tile choose a block shape, though the encoder's own choice is one for all.
+    #[test]
+    fn tiles_may_have_shapes_of_their_own() {
+        let table = table();
+        let shapes = vec![[1, 5, 5, 18], [1, 10, 4, 7], [1, 10, 10, 36]];
+        let partition = Partition::tiled(table.grid().shape(), [1, 10, 10, 36], shapes, vec![0, 1, 2, 1]).unwrap();
+        let blocks = partition.block_count();
+        let bytes = Encoder::new().partition(partition).encode(&table).unwrap().bytes;
+        let reader = Reader::open(bytes).unwrap();
+        assert_eq!(reader.block_count(), blocks);
+        assert!(reader.verify().is_empty());
+        let comparison = crate::metrics::compare(&table, &reader.decode_table().unwrap()).unwrap();
+        assert!(comparison.overall.log_rms < 0.03, "{comparison:?}");
+        assert_eq!(comparison.only_in_reference + comparison.only_in_other, 0);
+    }
+
+    #[test]
+    fn blocks_without_samples_take_the_mean_of_a_neighbour() {
+        let block = |n: usize, mean| Quantized {
+            shape: [1, 1, 1, n],
+            coefficients: Vec::new(),
+            means: vec![mean],
+            shortfall: [(0.0, 0); 2],
+            squared_error: 0.0,
+            sampled: 0,
+            cost: Solves::default(),
+        };
+        let mut blocks = vec![block(4, None), block(16, Some(40)), block(4, None), block(4, Some(-2)), block(4, None)];
+        fill_empty_means(&mut blocks, 1);
+        let means: Vec<_> = blocks.iter().map(|b| b.means[0].unwrap()).collect();
+        assert_eq!(means, [20, 40, 20, -2, -2]);
+    }
 }

@@ -56,9 +56,9 @@ pub(crate) struct Walk {
     sister_rows: Vec<u8>,
 }
 
-/// What a walk found that no coded block holds.
+/// A decoded extent or magnitude that no coded block holds.
 #[derive(Debug)]
-pub(crate) struct BadMagnitude;
+pub(crate) struct OutOfRange;
 
 impl Walk {
     /// Codes the coefficients of all channels, `[channel][position]`; a decoder finds them zero and leaves them
@@ -69,7 +69,7 @@ impl Walk {
         shape: [usize; 4],
         coefficients: &mut [i32],
         extents: &mut Vec<Extents>,
-    ) -> Result<(), BadMagnitude> {
+    ) -> Result<(), OutOfRange> {
         let [n0, n1, n2, n3] = shape;
         let padded = (n0 + 1) * (n1 + 1) * (n2 + 2) * (n3 + 3);
         let padded_rows = (n0 + 1) * (n1 + 1) * (n2 + 2);
@@ -101,7 +101,7 @@ impl Walk {
         channel: usize,
         shape: [usize; 4],
         plane: &mut [i32],
-    ) -> Result<Extents, BadMagnitude> {
+    ) -> Result<Extents, OutOfRange> {
         let class = channel.min(CHANNEL_CLASSES - 1);
         let found = find_extents(shape, plane);
         if !coder.bit(ANY + class, found[0] > 0) {
@@ -110,7 +110,7 @@ impl Walk {
         let mut extents = [1; 4];
         for axis in 0..4 {
             let contexts = EXTENT + (class * 4 + axis) * 16;
-            extents[axis] = 1 + code_below(coder, contexts, shape[axis], found[axis].saturating_sub(1));
+            extents[axis] = 1 + code_below(coder, contexts, shape[axis], found[axis].saturating_sub(1))?;
         }
         let [_, n1, n2, n3] = shape;
         let row_len = n3 + 3;
@@ -156,7 +156,7 @@ impl Walk {
         first: usize,
         start: usize,
         n: &Neighbours,
-    ) -> Result<(), BadMagnitude> {
+    ) -> Result<(), OutOfRange> {
         for (l, place) in line.iter_mut().enumerate().skip(first) {
             let at = start + l;
             let m = |offset: usize| u32::from(self.magnitudes[offset]);
@@ -212,8 +212,8 @@ fn find_extents(shape: [usize; 4], plane: &[i32]) -> Extents {
     extents
 }
 
-/// A number below `n`: its upper four bits in a tree of 16 contexts, the rest raw; a decoded number is clamped.
-fn code_below<C: Coder>(coder: &mut C, contexts: usize, n: usize, value: usize) -> usize {
+/// A number below `n`: its upper four bits in a tree of 16 contexts, the rest raw.
+fn code_below<C: Coder>(coder: &mut C, contexts: usize, n: usize, value: usize) -> Result<usize, OutOfRange> {
     let bits = usize::BITS - (n - 1).leading_zeros();
     let raw = bits.saturating_sub(4);
     let mut node = 1;
@@ -222,17 +222,18 @@ fn code_below<C: Coder>(coder: &mut C, contexts: usize, n: usize, value: usize) 
     }
     let high = node - (1 << (bits - raw));
     let low = coder.raw((value & ((1 << raw) - 1)) as u32, raw) as usize;
-    (high << raw | low).min(n - 1)
+    let number = high << raw | low;
+    if number < n { Ok(number) } else { Err(OutOfRange) }
 }
 
 /// A number from 0: the count of its bits in unary, the second-highest bit under a context of its own, the rest raw.
-fn code_number<C: Coder>(coder: &mut C, unary: usize, mantissa: usize, value: u32) -> Result<u32, BadMagnitude> {
+fn code_number<C: Coder>(coder: &mut C, unary: usize, mantissa: usize, value: u32) -> Result<u32, OutOfRange> {
     let length = u32::BITS - value.leading_zeros();
     let mut bits = 0;
     while coder.bit(unary + bits as usize, bits < length) {
         bits += 1;
         if bits as usize == EXPONENTS {
-            return Err(BadMagnitude);
+            return Err(OutOfRange);
         }
     }
     if bits < 2 {
@@ -241,7 +242,7 @@ fn code_number<C: Coder>(coder: &mut C, unary: usize, mantissa: usize, value: u3
     let second = coder.bit(mantissa + bits as usize, value >> (bits - 2) & 1 == 1);
     let low = coder.raw(value & ((1 << (bits - 2)) - 1), bits - 2);
     let decoded = (2 | u32::from(second)) << (bits - 2) | low;
-    if decoded < MAX_MAGNITUDE { Ok(decoded) } else { Err(BadMagnitude) }
+    if decoded < MAX_MAGNITUDE { Ok(decoded) } else { Err(OutOfRange) }
 }
 
 #[cfg(all(test, feature = "encode"))]

@@ -41,6 +41,11 @@ pub const MAX_METADATA: usize = 1 << 20;
 /// Most sections of a file.
 pub const MAX_SECTIONS: usize = 64;
 
+/// Smallest and largest quantiser step: with bounded magnitudes no sum of coefficients leaves single precision.
+pub const STEP_RANGE: std::ops::RangeInclusive<f32> = 1e-12..=1e6;
+/// Smallest and largest constant of the tone map, 1/sr.
+pub const EPS_RANGE: std::ops::RangeInclusive<f64> = 1e-300..=1e30;
+
 /// Limits on what a reader allocates for a file; the caller can lower or raise them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {

@@ -310,7 +310,7 @@ mod tests {
     #[test]
     fn cost_approaches_the_entropy() {
         let mut random = crate::sample::SplitMix64(1);
-        let bits: Vec<bool> = (0..100_000).map(|_| random.next_u64() % 50 == 0).collect();
+        let bits: Vec<bool> = (0..100_000).map(|_| random.next_u64().is_multiple_of(50)).collect();
         let mut encoder = Encoder::new(&[65536u32.div_ceil(50) as u16]);
         let mut counter = Counter::new(1);
         for &bit in &bits {

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::gather_log;
+use super::{Quantized, gather_log};
 use crate::block::{Block, Partition};
 use crate::decode::{CONTEXTS, Header, Scratch};
 use crate::entropy::{self, Walk};
@@ -13,12 +13,6 @@ use crate::format::index::{encode_error, write_index};
 use crate::format::record::{Record, ValidityClass};
 use crate::range::{Coder, Counter, Encoder};
 use crate::table::BrdfTable;
-
-/// The decisions made before packing.
-pub(super) struct Plan {
-    pub(super) coding: Coding,
-    pub(super) partition: Partition,
-}
 
 /// A file but for its metadata.
 pub(super) struct Packed {
@@ -74,15 +68,17 @@ fn code_record<C: Coder>(
     debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
 }
 
-/// Codes the blocks, `(coefficients, means)` each, decodes them again and measures what came back.
-pub(super) fn pack(table: &BrdfTable, plan: Plan, blocks: Vec<(&[i32], &[i32])>) -> Result<Packed> {
-    let place = |number: usize| plan.partition.block(number).expect("one entry a block");
-    let flat = Header::new(table.grid().clone(), plan.coding.clone(), plan.partition.clone(), vec![1 << 15; CONTEXTS]);
+/// Codes the blocks, decodes them again and measures what came back.
+pub(super) fn pack(table: &BrdfTable, coding: Coding, partition: Partition, blocks: &[Quantized]) -> Result<Packed> {
+    let place = |number: usize| partition.block(number).expect("one entry a block");
+    let flat = Header::new(table.grid().clone(), coding.clone(), partition.clone(), vec![1 << 15; CONTEXTS]);
+    let means: Vec<i32> = blocks.iter().flat_map(|b| b.means.iter().map(|mean| mean.unwrap_or(0))).collect();
+    let components = table.grid().channels().len();
     let classified: Vec<(ValidityClass, Vec<bool>)> = (0..blocks.len())
         .into_par_iter()
         .map(|number| {
             let block = place(number);
-            classify(&flat, &block, &gather_log(table, &block, plan.coding.eps).1)
+            classify(&flat, &block, &gather_log(table, &block, coding.eps).1)
         })
         .collect();
 
@@ -92,7 +88,15 @@ pub(super) fn pack(table: &BrdfTable, plan: Plan, blocks: Vec<(&[i32], &[i32])>)
             || (Counter::new(CONTEXTS), Walk::default()),
             |(mut counter, mut walk), number| {
                 let (class, mut masks) = classified[number].clone();
-                code_record(&mut counter, &flat, &place(number), &mut masks, class, blocks[number].0, &mut walk);
+                code_record(
+                    &mut counter,
+                    &flat,
+                    &place(number),
+                    &mut masks,
+                    class,
+                    &blocks[number].coefficients,
+                    &mut walk,
+                );
                 (counter, walk)
             },
         )
@@ -104,21 +108,21 @@ pub(super) fn pack(table: &BrdfTable, plan: Plan, blocks: Vec<(&[i32], &[i32])>)
                 a
             },
         );
-    let header = Header::new(table.grid().clone(), plan.coding, plan.partition, counter.probabilities());
+    let header = Header::new(table.grid().clone(), coding.clone(), partition.clone(), counter.probabilities());
 
     let coded: Vec<(Vec<u8>, BlockError)> = (0..blocks.len())
         .into_par_iter()
         .map_init(
             || (Walk::default(), Scratch::default()),
             |(walk, scratch), number| {
-                let block = header.partition.block(number).expect("one entry a block");
+                let block = place(number);
                 let (class, mut masks) = classified[number].clone();
                 let mut coder = Encoder::new(&header.probabilities);
-                code_record(&mut coder, &header, &block, &mut masks, class, blocks[number].0, walk);
+                code_record(&mut coder, &header, &block, &mut masks, class, &blocks[number].coefficients, walk);
                 let coded = coder.finish();
                 let record = Record { class, coded: &coded };
                 header
-                    .rebuild(&block, &record, blocks[number].1, scratch)
+                    .rebuild(&block, &record, &means[number * components..(number + 1) * components], scratch)
                     .map_err(|what| Error::InvalidArgument(format!("block {number} does not decode: {what}")))?;
                 Ok((record.write(number as u32), measure(table, &block, header.coding.eps, &scratch.log)))
             },
@@ -133,7 +137,6 @@ pub(super) fn pack(table: &BrdfTable, plan: Plan, blocks: Vec<(&[i32], &[i32])>)
     let rms = |e: &BlockError| if e.count == 0 { 0.0 } else { (e.squares / e.count as f64).sqrt() };
     let lengths: Vec<u32> = coded.iter().map(|(record, _)| record.len() as u32).collect();
     let errors: Vec<(u8, u8)> = coded.iter().map(|(_, e)| (encode_error(rms(e)), encode_error(e.max))).collect();
-    let means: Vec<i32> = blocks.iter().flat_map(|b| b.1.iter().copied()).collect();
     Ok(Packed {
         log_rms: rms(&total),
         log_max: total.max,

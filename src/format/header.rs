@@ -4,7 +4,7 @@ use crate::bits::ByteReader;
 use crate::block::Partition;
 use crate::channel::{ChannelTransform, MAX_MATRIX_CHANNELS};
 use crate::error::{Error, Result};
-use crate::format::{MAX_BLOCK_VALUES, MAX_CHANNELS};
+use crate::format::{EPS_RANGE, MAX_BLOCK_VALUES, MAX_CHANNELS, STEP_RANGE};
 use crate::fourier::Basis;
 use crate::grid::{Axis, AxisName, Channel, Grid, Mapping};
 use crate::sample::Sampling;
@@ -120,7 +120,9 @@ pub(crate) fn read_coding(mut r: ByteReader, channels: usize) -> Result<Coding> 
     zero(&r, reserved.into())?;
     // Constant of the tone map.
     let eps = r.f64()?;
-    let eps = positive(&r, "eps", eps)?;
+    if !EPS_RANGE.contains(&eps) {
+        return Err(r.corrupt(format!("eps is {eps}, must be within {EPS_RANGE:?}")));
+    }
     // Elevation of the horizon, a cosine; 0 where there is none.
     let threshold = r.f64()?;
     let horizon = match has_horizon {
@@ -139,7 +141,9 @@ pub(crate) fn read_coding(mut r: ByteReader, channels: usize) -> Result<Coding> 
     let mut steps = Vec::with_capacity(channels);
     for _ in 0..channels {
         let step = r.f32()?;
-        positive(&r, "quantiser step", step.into())?;
+        if !STEP_RANGE.contains(&step) {
+            return Err(r.corrupt(format!("quantiser step is {step}, must be within {STEP_RANGE:?}")));
+        }
         steps.push(step);
     }
     // Matrix of the channel transform, row after row.

@@ -202,7 +202,8 @@ struct Dft {
     half: usize,
     norm: f64,
     rows: (Arc<dyn realfft::RealToComplex<f64>>, Arc<dyn realfft::ComplexToReal<f64>>),
-    axes: Vec<(Arc<dyn Fft<f64>>, Arc<dyn Fft<f64>>)>,
+    /// Forward and inverse plans of the first three axes.
+    axes: Vec<[Arc<dyn Fft<f64>>; 2]>,
     map: Vec<(u32, u32, f64)>,
     spectrum: Vec<Complex64>,
     lines: Vec<Complex64>,
@@ -216,10 +217,10 @@ impl Dft {
         let half = shape[3] / 2 + 1;
         let rows = (real.plan_fft_forward(shape[3]), real.plan_fft_inverse(shape[3]));
         let axes: Vec<_> =
-            shape[..3].iter().map(|&n| (complex.plan_fft_forward(n), complex.plan_fft_inverse(n))).collect();
+            shape[..3].iter().map(|&n| [complex.plan_fft_forward(n), complex.plan_fft_inverse(n)]).collect();
         let scratch = axes
             .iter()
-            .flat_map(|a| [a.0.get_inplace_scratch_len(), a.1.get_inplace_scratch_len()])
+            .flat_map(|a| a.iter().map(|plan| plan.get_inplace_scratch_len()))
             .chain([rows.0.get_scratch_len(), rows.1.get_scratch_len()])
             .max()
             .unwrap_or(0);
@@ -244,7 +245,7 @@ impl Dft {
             if n == 1 {
                 continue;
             }
-            let plan = if forward { &self.axes[axis].0 } else { &self.axes[axis].1 };
+            let plan = &self.axes[axis][usize::from(!forward)];
             let inner = self.shape[axis + 1..3].iter().product::<usize>() * self.half;
             self.lines.resize(n * inner, Complex64::default());
             for bundle in self.spectrum.chunks_exact_mut(n * inner) {
@@ -286,7 +287,7 @@ impl Dft {
         for (row, z) in block.chunks_exact_mut(self.shape[3]).zip(self.spectrum.chunks_exact_mut(self.half)) {
             // Rounding may leave imaginary parts where a real spectrum has none; realfft insists on zeros.
             z[0].im = 0.0;
-            if self.shape[3] % 2 == 0 {
+            if self.shape[3].is_multiple_of(2) {
                 z[self.half - 1].im = 0.0;
             }
             let done = self.rows.1.process_with_scratch(z, row, &mut self.scratch);

@@ -1,0 +1,118 @@
+//! Golden files: one a feature of the format, read forever. Never written anew to make a test pass.
+//!
+//! `tests/data/v1/hashes.txt` holds, for each file, CRC-32s of the decoded binary32 values, of the binary64 values
+//! and of the validity: what every machine, build and thread count must give.
+
+use std::path::Path;
+
+use csbrdf::decode::{Origin, Reader};
+
+/// One line of the list: file, then the three checksums in hexadecimal.
+fn expected() -> Vec<(String, [u32; 3])> {
+    include_str!("data/v1/hashes.txt")
+        .lines()
+        .filter(|line| !line.starts_with('#') && !line.is_empty())
+        .map(|line| {
+            let mut fields = line.split_whitespace();
+            let name = fields.next().expect("a name").to_string();
+            let hash = |text: Option<&str>| u32::from_str_radix(text.expect("three sums"), 16).expect("hexadecimal");
+            (name, [hash(fields.next()), hash(fields.next()), hash(fields.next())])
+        })
+        .collect()
+}
+
+fn read(name: &str) -> Vec<u8> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/v1").join(name);
+    std::fs::read(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
+
+#[test]
+fn golden_files_decode_to_their_bits() {
+    let list = expected();
+    assert!(list.len() >= 6);
+    let mut wrong = Vec::new();
+    for (name, sums) in list {
+        let bytes = read(&name);
+        let reader = Reader::open(&bytes[..]).unwrap_or_else(|e| panic!("{name}: {e}"));
+        assert!(reader.verify().is_empty(), "{name}");
+        let single: Vec<u8> = reader.decode_all().unwrap().iter().flat_map(|v| v.to_le_bytes()).collect();
+        let table = reader.decode_table().unwrap();
+        let double: Vec<u8> = table.values().iter().flat_map(|v| v.to_le_bytes()).collect();
+        let valid: Vec<u8> = table.valid().iter().map(|&v| u8::from(v)).collect();
+        let got = [&single, &double, &valid].map(|bytes| crc32fast::hash(bytes));
+        if got != sums {
+            wrong.push(format!("{name} {:08x} {:08x} {:08x}", got[0], got[1], got[2]));
+        }
+    }
+    assert!(wrong.is_empty(), "decoded bits have changed:\n{}", wrong.join("\n"));
+}
+
+#[test]
+fn golden_files_cover_the_features() {
+    use csbrdf::channel::ChannelTransform;
+    use csbrdf::format::record::ValidityClass;
+    use csbrdf::fourier::Basis;
+    use csbrdf::sample::Sampling;
+    let (mut features, mut classes, mut origins) = (Vec::new(), Vec::new(), Vec::new());
+    for (name, _) in expected() {
+        let bytes = read(&name);
+        let reader = Reader::open(&bytes[..]).unwrap();
+        let coding = reader.coding();
+        features.push(if coding.basis == Basis::Dct { "dct" } else { "dft" });
+        features.push(if coding.transform == ChannelTransform::None { "separate" } else { "matrix" });
+        features.push(if coding.sampling == Sampling::Every { "every" } else { "bernoulli" });
+        features.push(if coding.horizon.is_some() { "horizon" } else { "no horizon" });
+        features.push(["", "1-D", "2-D", "3-D", "4-D"][reader.grid().axes().len()]);
+        features.push(if reader.grid().channels().len() > 16 { "spectral" } else { "few channels" });
+        features.push(if reader.partition().shapes().len() > 1 { "tiled" } else { "uniform" });
+        for b in 0..reader.block_count() {
+            classes.push(reader.block_info(b).unwrap().class);
+            origins.extend(reader.block_origin(b).unwrap());
+        }
+    }
+    let wanted =
+        ["dct", "dft", "separate", "matrix", "every", "bernoulli", "horizon", "no horizon", "spectral", "tiled"];
+    for feature in wanted.iter().chain(&["1-D", "3-D", "4-D", "uniform"]) {
+        assert!(features.contains(feature), "no golden file with {feature}");
+    }
+    for class in ValidityClass::ALL {
+        assert!(classes.contains(&class), "no golden file with a block of class {}", class.as_str());
+    }
+    for origin in [Origin::Sampled, Origin::Measured, Origin::Filled, Origin::Impossible] {
+        assert!(origins.contains(&origin), "no golden file with {origin:?} entries");
+    }
+}
+
+/// Sections of unknown names that say they may be skipped do not keep a file from being read.
+#[test]
+fn a_section_of_a_later_version_is_skipped() {
+    const PREAMBLE: usize = 32;
+    const ENTRY: usize = 20;
+    let old = read("dct-opponent-mask.csbrdf");
+    let plain = Reader::open(&old[..]).unwrap().decode_all().unwrap();
+    let sections = usize::from(u16::from_le_bytes([old[14], old[15]]));
+    let extra = b"from the future";
+    for (flags, read) in [(1u32, true), (0, false), (3, false)] {
+        let table_end = PREAMBLE + sections * ENTRY;
+        let mut new = old[..table_end].to_vec();
+        new.extend_from_slice(b"XTRA");
+        new.extend_from_slice(&flags.to_le_bytes());
+        new.extend_from_slice(&(extra.len() as u64).to_le_bytes());
+        new.extend_from_slice(&crc32fast::hash(extra).to_le_bytes());
+        new.extend_from_slice(&old[table_end..old.len() - 8]);
+        new.extend_from_slice(extra);
+        new.extend_from_slice(&old[old.len() - 8..]);
+        // A minor version that this build does not know.
+        new[10..12].copy_from_slice(&7u16.to_le_bytes());
+        new[14..16].copy_from_slice(&(sections as u16 + 1).to_le_bytes());
+        let length = new.len() as u64;
+        new[16..24].copy_from_slice(&length.to_le_bytes());
+        let mut summed = new[..28].to_vec();
+        summed.extend_from_slice(&new[PREAMBLE..table_end + ENTRY]);
+        new[28..32].copy_from_slice(&crc32fast::hash(&summed).to_le_bytes());
+        match Reader::open(&new[..]) {
+            Ok(reader) => assert!(read && reader.decode_all().unwrap() == plain && reader.verify().is_empty()),
+            Err(e) => assert!(!read, "{e}"),
+        }
+    }
+}

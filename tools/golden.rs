@@ -1,0 +1,96 @@
+//! Writes golden files of a draft into a folder: `cargo run --release --example golden -- tests/data/v1`.
+//!
+//! For new features and new drafts only: files that exist are left alone, since golden files are read forever once
+//! the version they belong to is final. Add the sums that `cargo test --test golden` then prints to `hashes.txt`.
+
+use std::f64::consts::{FRAC_PI_2, PI};
+use std::path::PathBuf;
+
+use csbrdf::block::Partition;
+use csbrdf::encode::{Encoder, Preset};
+use csbrdf::format::metadata::Metadata;
+use csbrdf::fourier::Basis;
+use csbrdf::grid::{Axis, AxisName, Channel, Grid, Mapping};
+use csbrdf::sample::Sampling;
+use csbrdf::table::BrdfTable;
+use csbrdf::table::synth::Recipe;
+
+type Failure = Box<dyn std::error::Error>;
+
+fn main() -> Result<(), Failure> {
+    let folder = PathBuf::from(std::env::args().nth(1).ok_or("usage: golden FOLDER")?);
+    for (name, encoder, table) in features()? {
+        let path = folder.join(name).with_extension("csbrdf");
+        if path.exists() {
+            println!("{} exists, left alone", path.display());
+            continue;
+        }
+        std::fs::write(&path, encoder.encode(&table)?.bytes)?;
+        println!("{} written", path.display());
+    }
+    Ok(())
+}
+
+/// MERL's axes with fewer bins.
+fn small(lens: [usize; 3]) -> Result<Grid, Failure> {
+    let merl = Grid::merl(180);
+    let axes: Vec<Axis> = merl.axes().iter().zip(lens).map(|(&axis, len)| Axis { len, ..axis }).collect();
+    Ok(Grid::new(axes, merl.channels().to_vec())?)
+}
+
+fn linear(name: AxisName, len: usize, end: f64) -> Axis {
+    Axis { name, len, mapping: Mapping::Linear, start: 0.0, end }
+}
+
+fn features() -> Result<Vec<(&'static str, Encoder, BrdfTable)>, Failure> {
+    let recipe = |name: &str| Recipe::named(name).ok_or("no such recipe");
+    let metadata = Metadata {
+        name: Some("satin paint, synthetic".into()),
+        licence: Some("CC0-1.0".into()),
+        ..Metadata::default()
+    };
+    let masked =
+        Recipe { noise: 0.01, holes: 0.02, seed: 4, ..recipe("satin-paint")? }.synthesise(&small([18, 20, 36])?)?;
+    let sampled = Recipe { noise: 0.003, ..recipe("rough-metal")? }.synthesise(&small([18, 18, 30])?)?;
+    let tiled = recipe("satin-paint")?.synthesise(&small([20, 20, 36])?)?;
+    let shapes = vec![[1, 5, 5, 18], [1, 10, 4, 7], [1, 10, 10, 36]];
+    let tiles = Partition::tiled(tiled.grid().shape(), [1, 10, 10, 36], shapes, vec![0, 1, 2, 1])?;
+
+    let matte = recipe("matte")?.synthesise(&small([8, 9, 10])?)?;
+    let mut values = matte.values().to_vec();
+    let last = values.len() - 500;
+    values[3] = -1.0;
+    values[last..].fill(-1.0);
+    (values[100], values[101]) = (1e300, 1e-300);
+    let extremes = BrdfTable::from_values(matte.grid().clone(), values)?;
+
+    let axes = vec![
+        linear(AxisName::ThetaI, 4, FRAC_PI_2),
+        linear(AxisName::PhiI, 6, 2.0 * PI),
+        linear(AxisName::ThetaO, 5, FRAC_PI_2),
+        linear(AxisName::PhiO, 7, 2.0 * PI),
+    ];
+    let band = |i: usize| Channel { name: String::new(), wavelength: Some(400.0 + 15.0 * i as f64), scale: 1.0 };
+    let grid = Grid::new(axes, (0..20).map(band).collect())?;
+    let n = grid.positions();
+    let value = |i: usize| {
+        let p = i % n;
+        if p % 17 == 5 { -1.0 } else { 0.1 + 0.05 * (p as f64 * 0.05).sin() + 0.002 * (i / n) as f64 }
+    };
+    let spectral = BrdfTable::from_values(grid, (0..n * 20).map(value).collect())?;
+
+    let luminance = Channel { name: "luminance".into(), wavelength: None, scale: 2.0 };
+    let line = Grid::new(vec![linear(AxisName::Other, 37, 1.0)], vec![luminance])?;
+    let line = BrdfTable::from_values(line, (0..37).map(|i| 1.0 / (1.0 + f64::from(i))).collect())?;
+
+    let ratio = Sampling::from_ratio(0.2).ok_or("a ratio")?;
+    let paper = Encoder::new().preset(Preset::Paper).block_shape(&[6, 6, 10]).sampling(ratio).seed(42);
+    Ok(vec![
+        ("dct-opponent-mask", Encoder::new().block_shape(&[6, 5, 12]).metadata(metadata), masked),
+        ("dft-sampled-horizon", paper, sampled),
+        ("dct-tiled", Encoder::new().partition(tiles), tiled),
+        ("dct-mask-per-channel-extremes", Encoder::new().block_shape(&[4, 9, 5]), extremes),
+        ("dct-4d-spectral", Encoder::new().block_shape(&[3, 6, 3, 7]), spectral),
+        ("dft-1d", Encoder::new().basis(Basis::Dft).block_shape(&[16]).quality(0.01), line),
+    ])
+}
