@@ -236,6 +236,11 @@ impl<D: AsRef<[u8]>> Reader<D> {
         Ok(Reader { data, limits, directory, header, index })
     }
 
+    /// Major version, minor version and draft number (0 when final) of the file.
+    pub fn version(&self) -> (u16, u16, u16) {
+        self.directory.version()
+    }
+
     /// Shape, axes and channels.
     pub fn grid(&self) -> &Grid {
         &self.header.grid

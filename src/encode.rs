@@ -278,7 +278,7 @@ impl Encoder {
     ) -> Result<Encoded> {
         let recover = |done| progress(0.9 * done);
         let mut blocks: Vec<Quantized> =
-            self.quantize_blocks(table, &transform, &partition, self.iterations, &recover).collect();
+            self.quantize_blocks(table, &transform, &partition, self.iterations, &recover).collect::<Result<_>>()?;
         fill_empty_means(&mut blocks, table.grid().channels().len());
         let shapes: Vec<Vec<usize>> =
             partition.shapes().iter().map(|s| s[4 - table.grid().axes().len()..].to_vec()).collect();
@@ -320,7 +320,7 @@ impl Encoder {
             "block_shapes": shapes,
             "sampling": self.sampling.ratio(),
             "seed": self.seed,
-            "quality": self.step,
+            "quality": self.step_as_written(),
             "rounding": self.rounding,
             "sigma": self.sigma_rms(),
             "valid": report.valid,
@@ -331,8 +331,19 @@ impl Encoder {
         Ok(Metadata { tool: Some(tool.into()), encoder: Some(encoder), ..self.metadata.clone() })
     }
 
+    fn too_fine(&self) -> Error {
+        let largest = crate::entropy::MAX_MAGNITUDE;
+        let step = self.step;
+        Error::InvalidArgument(format!("quality {step} is too fine: a coefficient is beyond {largest} steps; raise it"))
+    }
+
+    /// The step as the caller wrote it, not as the nearest double of a single.
+    fn step_as_written(&self) -> f64 {
+        self.step.to_string().parse().unwrap_or(self.step.into())
+    }
+
     fn sigma_rms(&self) -> f64 {
-        self.sigma.unwrap_or(0.1 * f64::from(self.step))
+        self.sigma.unwrap_or(self.step_as_written() / 10.0)
     }
 
     /// The opponent transform needs three channels that are measured at the same places.
@@ -372,7 +383,7 @@ impl Encoder {
             let share = |done| progress(TRIALS * (i as f64 + done) / partitions.len() as f64);
             let iterations = shape::ITERATIONS.min(self.iterations);
             let blocks = self.quantize_blocks(table, transform, partition, iterations, &share);
-            let cost = shape::trial(partition, blocks, f64::from(self.step));
+            let cost = shape::trial(partition, blocks, f64::from(self.step))?;
             if cost < least {
                 (best, least) = (i, cost);
             }
@@ -388,7 +399,7 @@ impl Encoder {
         partition: &'a Partition,
         iterations: usize,
         progress: &'a (dyn Fn(f64) + Sync),
-    ) -> impl IndexedParallelIterator<Item = Quantized> + 'a {
+    ) -> impl IndexedParallelIterator<Item = Result<Quantized>> + 'a {
         let sigma_rms = self.sigma_rms();
         let recovery = Recovery { basis: self.basis, sampling: self.sampling, sigma_rms, iterations };
         let done = AtomicUsize::new(0);
@@ -399,12 +410,13 @@ impl Encoder {
                 let block = partition.block(number).expect("number is below the count");
                 let quantized = self.quantize_block(table, transform, recoverer, number, &block);
                 progress((done.fetch_add(1, Ordering::Relaxed) + 1) as f64 / count as f64);
-                quantized
+                quantized.ok_or_else(|| self.too_fine())
             },
         )
     }
 
     /// Stages one to five of a block: tone map, channel transform, sampling, recovery, quantiser.
+    /// `None` if the step is too small for the format.
     fn quantize_block(
         &self,
         table: &BrdfTable,
@@ -412,7 +424,7 @@ impl Encoder {
         recoverer: &mut Recoverer,
         number: usize,
         block: &Block,
-    ) -> Quantized {
+    ) -> Option<Quantized> {
         let n = block.positions();
         let channels = table.grid().channels().len();
         let (mut log, valid) = gather_log(table, block, self.eps);
@@ -427,10 +439,10 @@ impl Encoder {
         for c in 0..channels {
             let values = &mut log[c * n..(c + 1) * n];
             let samples = recoverer.recover(block.shape, seed, values, &valid[c * n..(c + 1) * n], &mut cost);
-            means[c] = (samples > 0).then(|| quantize_mean(self.step, values[0]));
+            means[c] = if samples > 0 { Some(quantize_mean(self.step, values[0])?) } else { None };
             sampled += samples;
             for (q, &value) in coefficients[c * n..(c + 1) * n].iter_mut().zip(values.iter()).skip(1) {
-                *q = Quantizer::quantize(self.step, self.rounding, value);
+                *q = Quantizer::quantize(self.step, self.rounding, value)?;
                 squared_error += (value - f64::from(*q) * f64::from(self.step)).powi(2);
                 if *q != 0 {
                     let sum = &mut shortfall[usize::from(q.unsigned_abs() > 1)];
@@ -439,7 +451,7 @@ impl Encoder {
                 }
             }
         }
-        Quantized { shape: block.shape, coefficients, means, shortfall, squared_error, sampled, cost }
+        Some(Quantized { shape: block.shape, coefficients, means, shortfall, squared_error, sampled, cost })
     }
 }
 
@@ -483,7 +495,7 @@ fn fill_empty_means(blocks: &mut [Quantized], components: usize) {
             let root = root(block);
             match block.means[c] {
                 Some(mean) => last = f64::from(mean) / root,
-                None => block.means[c] = Some(quantize_mean(1.0, last * root)),
+                None => block.means[c] = quantize_mean(1.0, last * root),
             }
         }
     }

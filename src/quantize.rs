@@ -1,5 +1,6 @@
 //! Uniform quantiser with dead zone (spec section 4.5).
 
+#[cfg(feature = "encode")]
 use crate::entropy::MAX_MAGNITUDE;
 
 /// Step and reconstruction points of one component.
@@ -14,11 +15,11 @@ pub struct Quantizer {
 impl Quantizer {
     /// Integer of a coefficient: magnitudes are rounded up from `rounding` (0.5 is rounding to nearest; less makes
     /// the dead zone around zero wider). Encoder's choice: the decoder does not know it.
+    /// `None` if its magnitude is beyond what the format holds.
     #[cfg(feature = "encode")]
-    pub fn quantize(step: f32, rounding: f64, coefficient: f64) -> i32 {
+    pub fn quantize(step: f32, rounding: f64, coefficient: f64) -> Option<i32> {
         let magnitude = (coefficient.abs() / f64::from(step) + rounding).floor();
-        let magnitude = magnitude.min(f64::from(MAX_MAGNITUDE)) as i32;
-        if coefficient < 0.0 { -magnitude } else { magnitude }
+        (magnitude <= f64::from(MAX_MAGNITUDE)).then_some(if coefficient < 0.0 { -magnitude } else { magnitude } as i32)
     }
 
     /// Coefficient of an integer.
@@ -39,11 +40,11 @@ pub fn dequantize_mean(step: f32, q: i32) -> f32 {
     q as f32 * step
 }
 
-/// Integer of the first coefficient.
+/// Integer of the first coefficient; `None` if its magnitude is beyond what the format holds.
 #[cfg(feature = "encode")]
-pub fn quantize_mean(step: f32, coefficient: f64) -> i32 {
-    let limit = f64::from(MAX_MAGNITUDE);
-    (coefficient / f64::from(step)).round().clamp(-limit, limit) as i32
+pub fn quantize_mean(step: f32, coefficient: f64) -> Option<i32> {
+    let mean = (coefficient / f64::from(step)).round();
+    (mean.abs() <= f64::from(MAX_MAGNITUDE)).then_some(mean as i32)
 }
 
 #[cfg(all(test, feature = "encode"))]
@@ -54,20 +55,22 @@ mod tests {
     proptest! {
         #[test]
         fn error_is_within_the_step(c in -1e4f64..1e4, step in 1e-2f32..1.0, rounding in 0.2f64..0.5, shrink in 0f32..0.3) {
-            let q = Quantizer::quantize(step, rounding, c);
+            let q = Quantizer::quantize(step, rounding, c).unwrap();
             let back = f64::from(Quantizer { step, shrink: [shrink; 2] }.dequantize(q));
             // A magnitude q stands for q - rounding to q + 1 - rounding and is rebuilt at q - shrink.
             let bound = f64::from(step) * (1.0 - rounding + f64::from(shrink)) + c.abs() * 2e-7;
             prop_assert!((back - c).abs() <= bound);
-            let mean = f64::from(dequantize_mean(step, quantize_mean(step, c)));
+            let mean = f64::from(dequantize_mean(step, quantize_mean(step, c).unwrap()));
             prop_assert!((mean - c).abs() <= f64::from(step) * 0.5001 + c.abs() * 2e-7);
         }
     }
 
     #[test]
-    fn extremes_saturate() {
-        assert_eq!(Quantizer::quantize(1e-30, 0.5, 1e30), MAX_MAGNITUDE as i32);
-        assert_eq!(quantize_mean(1e-30, -1e30), -(MAX_MAGNITUDE as i32));
-        assert_eq!(Quantizer::quantize(0.1, 0.4, 0.0), 0);
+    fn what_the_format_cannot_hold_is_refused() {
+        assert_eq!(Quantizer::quantize(1e-30, 0.5, 1e30), None);
+        assert_eq!(Quantizer::quantize(1.0, 0.5, f64::NAN), None);
+        assert_eq!(Quantizer::quantize(1.0, 0.4, -f64::from(MAX_MAGNITUDE)), Some(-(MAX_MAGNITUDE as i32)));
+        assert_eq!(quantize_mean(1e-30, -1e30), None);
+        assert_eq!(Quantizer::quantize(0.1, 0.4, 0.0), Some(0));
     }
 }

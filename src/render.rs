@@ -15,7 +15,7 @@ use crate::coords::{Lookup, grid_coordinates, taps};
 use crate::grid::Grid;
 use crate::table::BrdfTable;
 use light::{GOLDEN_TURN, LIGHTS};
-pub use picture::{Image, difference, psnr, write_png};
+pub use picture::{Image, channel_psnr, difference, psnr, write_png};
 
 /// Radius of the sphere over half the width of the picture.
 pub const RADIUS: f64 = 0.95;

@@ -253,6 +253,8 @@ fn settings_out_of_range_are_refused() {
     refused(Encoder::new().block_shape(&[]));
     refused(Encoder::new().block_shape(&[0, 5, 5]));
     refused(Encoder::new().block_shape(&[1, 1, 5, 5, 5]));
+    let too_fine = Encoder::new().quality(1e-10).encode(&table).unwrap_err().to_string();
+    assert!(too_fine.contains("too fine"), "{too_fine}");
     let empty = BrdfTable::from_values(grid(&[4, 4, 4], 3), vec![-1.0; 192]).unwrap();
     assert!(Encoder::new().encode(&empty).unwrap_err().to_string().contains("no valid entry"));
 }

@@ -12,6 +12,7 @@ use super::Quantized;
 use crate::block::Partition;
 use crate::decode::CONTEXTS;
 use crate::entropy::Walk;
+use crate::error::Result;
 use crate::range::Counter;
 
 /// Iterations of the solves of a trial: enough to rank shapes.
@@ -35,27 +36,32 @@ pub(super) fn candidates(axes: usize) -> Vec<Vec<usize>> {
 ///
 /// Changing the rounding at a fixed shape buys squared error at 0.07 squared steps a bit (alum-bronze and golden
 /// yellow at step 0.1); two shapes are compared at that rate.
-pub(super) fn trial(partition: &Partition, blocks: impl IndexedParallelIterator<Item = Quantized>, step: f64) -> f64 {
+pub(super) fn trial(
+    partition: &Partition,
+    blocks: impl IndexedParallelIterator<Item = Result<Quantized>>,
+    step: f64,
+) -> Result<f64> {
     let (counter, errors) = blocks
-        .fold(
+        .try_fold(
             || (Counter::new(CONTEXTS), Walk::default(), Vec::new()),
-            |(mut counter, mut walk, mut errors), mut block| {
+            |(mut counter, mut walk, mut errors), block| {
+                let mut block = block?;
                 let coded = walk.code(&mut counter, block.shape, &mut block.coefficients, &mut Vec::new());
                 debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
                 errors.push(block.squared_error);
-                (counter, walk, errors)
+                Ok((counter, walk, errors))
             },
         )
-        .map(|(counter, _, errors)| (counter, errors))
-        .reduce(
+        .map(|part: Result<_>| part.map(|(counter, _, errors)| (counter, errors)))
+        .try_reduce(
             || (Counter::new(CONTEXTS), Vec::new()),
             |(mut counter, mut errors), (other, more)| {
                 counter.add(&other);
                 errors.extend(more);
-                (counter, errors)
+                Ok((counter, errors))
             },
-        );
+        )?;
     // Summed in the order of the blocks, so that the choice does not depend on the number of threads.
     let squared_error: f64 = errors.iter().sum();
-    counter.bits() + 8.0 * OVERHEAD * partition.block_count() as f64 + squared_error / (0.07 * step * step)
+    Ok(counter.bits() + 8.0 * OVERHEAD * partition.block_count() as f64 + squared_error / (0.07 * step * step))
 }

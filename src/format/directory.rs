@@ -49,6 +49,7 @@ impl Section {
 /// The sections of a file, by name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Directory {
+    version: (u16, u16, u16),
     sections: Vec<Section>,
 }
 
@@ -124,7 +125,7 @@ impl Directory {
         if data[end..] != END_MARKER {
             return Err(Error::corrupt("end marker", end as u64, "missing; the file was cut or overwritten"));
         }
-        let directory = Directory { sections };
+        let directory = Directory { version: found, sections };
         directory.check_names()?;
         Ok(directory)
     }
@@ -144,6 +145,11 @@ impl Directory {
             }
         }
         Ok(())
+    }
+
+    /// Major version, minor version, draft number.
+    pub fn version(&self) -> (u16, u16, u16) {
+        self.version
     }
 
     /// All sections in file order.

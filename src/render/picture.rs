@@ -61,17 +61,36 @@ fn on_sphere(index: usize, width: usize, height: usize) -> bool {
 /// # Errors
 /// `InvalidArgument` if the pictures differ in size.
 pub fn psnr(a: &Image, b: &Image) -> Result<f64> {
+    let (sums, count) = squared_errors(a, b)?;
+    Ok(decibel(sums.iter().sum(), 3 * count))
+}
+
+/// As [`psnr`], of red, green and blue alone.
+///
+/// # Errors
+/// `InvalidArgument` if the pictures differ in size.
+pub fn channel_psnr(a: &Image, b: &Image) -> Result<[f64; 3]> {
+    let (sums, count) = squared_errors(a, b)?;
+    Ok(sums.map(|sum| decibel(sum, count)))
+}
+
+/// Sums of the squared errors of red, green and blue inside the sphere, and its number of pixels.
+fn squared_errors(a: &Image, b: &Image) -> Result<([f64; 3], usize)> {
     same_size(a, b)?;
     let exposure = a.exposure();
-    let (mut sum, mut count) = (0.0, 0usize);
+    let (mut sums, mut count) = ([0.0; 3], 0);
     for (p, q) in a.sphere().zip(b.sphere()) {
-        for (x, y) in p.iter().zip(q) {
+        for ((x, y), sum) in p.iter().zip(q).zip(&mut sums) {
             let error = srgb(x * exposure) - srgb(y * exposure);
-            sum += error * error;
-            count += 1;
+            *sum += error * error;
         }
+        count += 1;
     }
-    Ok(if sum > 0.0 { 10.0 * (count as f64 / sum).log10() } else { f64::INFINITY })
+    Ok((sums, count))
+}
+
+fn decibel(squares: f64, count: usize) -> f64 {
+    if squares > 0.0 { 10.0 * (count as f64 / squares).log10() } else { f64::INFINITY }
 }
 
 /// The difference of two pictures as sRGB bytes: `|a - b|` of the sRGB values, times [`DIFFERENCE_GAIN`], clamped.
@@ -143,6 +162,11 @@ mod tests {
         let b = grey(16, 1.0);
         let error = srgb(0.9) - srgb(0.45);
         assert!((psnr(&a, &b).unwrap() + 20.0 * error.log10()).abs() < 1e-5);
+        let red =
+            Image { rgb: a.rgb.iter().enumerate().map(|(i, v)| if i % 3 == 0 { v / 2.0 } else { *v }).collect(), ..a };
+        let [r, g, _] = channel_psnr(&a, &red).unwrap();
+        assert!((r + 20.0 * error.log10()).abs() < 1e-5 && g.is_infinite());
+        assert!((psnr(&a, &red).unwrap() - r - 10.0 * 3f64.log10()).abs() < 1e-9);
         // What is outside the sphere does not count.
         let mut c = a.clone();
         c.rgb[0] = 0.0;

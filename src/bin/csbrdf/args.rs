@@ -1,0 +1,377 @@
+//! The command line.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+const EXIT_CODES: &str = "\
+Exit codes:
+  0  done; also if the reader of the output closed the pipe early
+  1  an operation failed: a file is missing, exists already, cannot be read or written
+  2  usage: the arguments are wrong
+  3  an input is damaged or not of the expected format
+  4  an input is of a version that this build does not read, or above its limits
+With several inputs: the code of the first that failed.";
+
+/// Compresses measured BRDFs and gives them back, whole, by block or by direction.
+///
+/// Results go to standard output or to files, figures and messages to standard error. `-` is standard input or
+/// output. No file is replaced without --force, and none appears under its name before it is complete.
+#[derive(Debug, Parser)]
+#[command(version, after_help = EXIT_CODES, subcommand_required = true, arg_required_else_help = true)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+    /// Threads to use; all processors if not given. The result does not depend on it
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// No figures and no progress, only errors
+    #[arg(long, short, global = true)]
+    pub quiet: bool,
+}
+
+/// The subcommands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Compress MERL .binary tables into .csbrdf files
+    #[command(after_help = EXIT_CODES)]
+    Encode(EncodeArgs),
+    /// Write the table of a .csbrdf file, or one block of it
+    #[command(after_help = EXIT_CODES)]
+    Decode(DecodeArgs),
+    /// Show what .csbrdf files hold
+    #[command(after_help = EXIT_CODES)]
+    Info(InfoArgs),
+    /// Check every byte of .csbrdf files
+    #[command(after_help = EXIT_CODES)]
+    Verify(VerifyArgs),
+    /// Measure how far one table is from another
+    #[command(after_help = EXIT_CODES)]
+    Compare(CompareArgs),
+    /// Evaluate the BRDF of a .csbrdf file for pairs of directions
+    #[command(after_help = EXIT_CODES)]
+    Eval(EvalArgs),
+    /// Make a synthetic table
+    #[command(after_help = EXIT_CODES)]
+    Synth(SynthArgs),
+    /// See it work: makes a material, compresses it, shows figures and a picture
+    #[command(after_help = EXIT_CODES)]
+    Demo(DemoArgs),
+}
+
+/// Arguments of `encode`.
+#[derive(Debug, Args)]
+pub struct EncodeArgs {
+    /// MERL .binary tables, or - for standard input
+    #[arg(required = true, value_name = "INPUT")]
+    pub inputs: Vec<PathBuf>,
+    /// Output file, - for standard output; if not given, the input's name with .csbrdf, beside it
+    #[arg(short, long, value_name = "OUT", conflicts_with = "out_dir")]
+    pub output: Option<PathBuf>,
+    /// Folder for the outputs, made if it does not exist
+    #[arg(long, value_name = "DIR")]
+    pub out_dir: Option<PathBuf>,
+    /// Settings to start from; the options below change them
+    #[arg(long, value_enum, default_value_t = PresetArg::Archive)]
+    pub preset: PresetArg,
+    /// Quantiser step in the log domain: smaller is better and larger [default: the preset's, 0.1]
+    #[arg(long, value_name = "STEP", value_parser = positive::<f32>)]
+    pub quality: Option<f32>,
+    /// Share of the entries to sample: 0 to 1, or with % [default: the preset's]
+    #[arg(long, value_name = "RATIO", value_parser = ratio)]
+    pub sampling: Option<f64>,
+    /// Seed of the sampling
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+    /// Basis of the coefficients [default: the preset's]
+    #[arg(long, value_enum)]
+    pub basis: Option<BasisArg>,
+    /// Block lengths along theta_h, theta_d, phi_d [default: the preset's]
+    #[arg(long, value_name = "I,J,K", value_parser = lengths)]
+    pub block: Option<List>,
+    /// Constant of the tone map ln(f + eps), 1/sr [default: the preset's]
+    #[arg(long, value_parser = positive::<f64>)]
+    pub eps: Option<f64>,
+    /// Rms residual that the recovery may leave at the samples, log domain [default: the preset's]
+    #[arg(long, value_parser = not_negative)]
+    pub sigma: Option<f64>,
+    /// Colour channels alone, or red, green and blue together [default: the preset's]
+    #[arg(long, value_enum)]
+    pub channels: Option<ChannelsArg>,
+    /// Metadata to store, repeatable: name, uuid, version, instrument, date, licence, copyright, author, source, or any
+    /// other key
+    #[arg(long, value_name = "KEY=VALUE", value_parser = key_value)]
+    pub meta: Vec<(String, String)>,
+    /// Replace files that exist
+    #[arg(long, short)]
+    pub force: bool,
+}
+
+/// Arguments of `decode`.
+#[derive(Debug, Args)]
+pub struct DecodeArgs {
+    /// A .csbrdf file, or - for standard input
+    #[arg(value_name = "FILE")]
+    pub input: PathBuf,
+    /// Output file, - for standard output; if not given, a name made of the input's, beside it
+    #[arg(short, long, value_name = "OUT")]
+    pub output: Option<PathBuf>,
+    /// binary: as MERL's tables; npy: float32, [channels, axes...], 1/sr; csv: rows of one block. [default: by the
+    /// output's extension, else binary, or npy with --block]
+    #[arg(long, value_enum)]
+    pub format: Option<FormatArg>,
+    /// Only this block: its place among the blocks along each axis, or its number
+    #[arg(long, value_name = "I,J,K|N", value_parser = indices)]
+    pub block: Option<List>,
+    /// Write what the recovery filled in where nothing was measured, not -1
+    #[arg(long)]
+    pub fill: bool,
+    /// Replace the file if it exists
+    #[arg(long, short)]
+    pub force: bool,
+}
+
+/// Arguments of `info`.
+#[derive(Debug, Args)]
+pub struct InfoArgs {
+    /// .csbrdf files, or - for standard input
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// One JSON object a file, one a line
+    #[arg(long)]
+    pub json: bool,
+    /// A row for each block, and a map of their sizes
+    #[arg(long)]
+    pub blocks: bool,
+}
+
+/// Arguments of `verify`.
+#[derive(Debug, Args)]
+pub struct VerifyArgs {
+    /// .csbrdf files, or - for standard input
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+}
+
+/// Arguments of `compare`.
+#[derive(Debug, Args)]
+pub struct CompareArgs {
+    /// The reference: a MERL .binary table or a .csbrdf file
+    #[arg(value_name = "A")]
+    pub reference: PathBuf,
+    /// The other table
+    #[arg(value_name = "B")]
+    pub other: PathBuf,
+    /// One JSON object; a ratio that is infinite, of equal tables, is null
+    #[arg(long)]
+    pub json: bool,
+    /// Constant in the log error ln(b + eps) - ln(a + eps), 1/sr
+    #[arg(long, default_value_t = csbrdf::metrics::DEFAULT_EPS, value_parser = positive::<f64>)]
+    pub eps: f64,
+    /// Pixels across the pictures of the materials; 0 for none
+    #[arg(long, value_name = "SIZE", default_value_t = 128, value_parser = clap::value_parser!(u16).range(0..=2048))]
+    pub render: u16,
+    /// Write a picture: reference, other, difference times 8, side by side
+    #[arg(long, value_name = "OUT")]
+    pub png: Option<PathBuf>,
+    /// Replace the picture if it exists
+    #[arg(long, short)]
+    pub force: bool,
+}
+
+/// Arguments of `eval`.
+#[derive(Debug, Args)]
+pub struct EvalArgs {
+    /// A .csbrdf file
+    #[arg(value_name = "FILE")]
+    pub input: PathBuf,
+    /// Direction to the light: x, y along the surface, z along its normal, of any length
+    #[arg(long, value_name = "X,Y,Z", requires = "wo", allow_hyphen_values = true, value_parser = numbers::<3>)]
+    pub wi: Option<[f64; 3]>,
+    /// Direction to the viewer
+    #[arg(long, value_name = "X,Y,Z", requires = "wi", allow_hyphen_values = true, value_parser = numbers::<3>)]
+    pub wo: Option<[f64; 3]>,
+    /// The two directions as theta_i,phi_i,theta_o,phi_o in degrees, theta from the normal
+    #[arg(long, value_name = "TI,PI,TO,PO", allow_hyphen_values = true, conflicts_with_all = ["wi", "wo", "pairs"],
+          value_parser = numbers::<4>)]
+    pub angles: Option<[f64; 4]>,
+    /// Pairs of directions from a file, - for standard input: wi and wo, six numbers a line. The default if no
+    /// direction is given
+    #[arg(long, value_name = "PAIRS", conflicts_with_all = ["wi", "wo"])]
+    pub pairs: Option<PathBuf>,
+    /// How to read between the centres of the bins
+    #[arg(long, value_enum, default_value_t = LookupArg::Linear)]
+    pub lookup: LookupArg,
+    /// One JSON object a pair, one a line
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `synth`.
+#[derive(Debug, Args)]
+pub struct SynthArgs {
+    /// The material
+    #[arg(required_unless_present = "list", value_name = "NAME")]
+    pub name: Option<String>,
+    /// Print the names of the materials
+    #[arg(long, conflicts_with = "name")]
+    pub list: bool,
+    /// Output file, - for standard output; if not given, NAME.binary
+    #[arg(short, long, value_name = "OUT")]
+    pub output: Option<PathBuf>,
+    /// Sigma of the noise in the log domain
+    #[arg(long, value_name = "SIGMA", default_value_t = 0.0)]
+    pub noise: f64,
+    /// Share of the possible entries that are missing, 0 to 1
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    pub holes: f64,
+    /// Seed of noise and holes
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Bins of phi_d: 180, or 360 without reciprocity
+    #[arg(long, value_name = "BINS", default_value = "180", value_parser = ["180", "360"])]
+    pub phi_d: String,
+    /// Replace the file if it exists
+    #[arg(long, short)]
+    pub force: bool,
+}
+
+/// Arguments of `demo`.
+#[derive(Debug, Args)]
+pub struct DemoArgs {
+    /// Folder for the picture csbrdf-demo.png, made if it does not exist; if not given, the system's folder for temporary files
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Replace the picture if it exists in DIR
+    #[arg(long, short)]
+    pub force: bool,
+}
+
+/// `--preset`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum PresetArg {
+    /// Every valid entry is a sample, DCT
+    Archive,
+    /// The source paper's: 5 % of the entries, DFT, 15 x 15 x 15 blocks
+    Paper,
+}
+
+/// `--basis`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum BasisArg {
+    /// Discrete cosine transform, type II
+    Dct,
+    /// Discrete Fourier transform
+    Dft,
+}
+
+/// `--channels`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ChannelsArg {
+    /// Each channel alone
+    Separate,
+    /// Brightness and two colour differences
+    Opponent,
+}
+
+/// `--format`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum FormatArg {
+    /// MERL's
+    Binary,
+    /// NumPy's
+    Npy,
+    /// Text
+    Csv,
+}
+
+/// `--lookup`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum LookupArg {
+    /// The value of the bin, as MERL's own reader does
+    Nearest,
+    /// Interpolated
+    Linear,
+}
+
+/// One argument of several whole numbers.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct List(pub Vec<usize>);
+
+fn whole_numbers(text: &str, least: usize) -> Result<List, String> {
+    let numbers: Vec<usize> = text
+        .split(',')
+        .map(|part| part.trim().parse().ok().filter(|n| *n >= least))
+        .collect::<Option<_>>()
+        .ok_or_else(|| format!("expected whole numbers from {least} up, with commas between them"))?;
+    if numbers.len() > csbrdf::format::MAX_AXES {
+        return Err(format!("{} numbers, tables have at most {} axes", numbers.len(), csbrdf::format::MAX_AXES));
+    }
+    Ok(List(numbers))
+}
+
+/// One length for each of the three axes of MERL's grid.
+fn lengths(text: &str) -> Result<List, String> {
+    let list = whole_numbers(text, 1)?;
+    if list.0.len() == 3 { Ok(list) } else { Err("expected three lengths: theta_h, theta_d, phi_d".into()) }
+}
+
+fn indices(text: &str) -> Result<List, String> {
+    whole_numbers(text, 0)
+}
+
+fn positive<T: std::str::FromStr + Into<f64> + Copy>(text: &str) -> Result<T, String> {
+    let number = text.parse::<T>().ok().filter(|x| (*x).into().is_finite() && (*x).into() > 0.0);
+    number.ok_or_else(|| "expected a number above 0".into())
+}
+
+fn not_negative(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|x: &f64| x.is_finite() && *x >= 0.0);
+    number.ok_or_else(|| "expected a number, 0 or above".into())
+}
+
+fn ratio(text: &str) -> Result<f64, String> {
+    let (number, unit) = text.strip_suffix('%').map_or((text, 1.0), |n| (n, 100.0));
+    let ratio = number.trim().parse::<f64>().ok().map(|x| x / unit);
+    ratio.filter(|x| *x > 0.0 && *x <= 1.0).ok_or_else(|| "expected a share above 0, up to 1 (or 100%)".into())
+}
+
+/// `N` finite numbers between commas or blanks.
+pub fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+    let parts = text.split(|c: char| c == ',' || c.is_whitespace()).filter(|part| !part.is_empty());
+    let list: Option<Vec<f64>> = parts.map(|part| part.parse().ok().filter(|x: &f64| x.is_finite())).collect();
+    list.and_then(|list| list.try_into().ok()).ok_or_else(|| format!("expected {N} numbers with commas between them"))
+}
+
+fn key_value(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((key, value)) if !key.trim().is_empty() => Ok((key.trim().into(), value.into())),
+        _ => Err("expected KEY=VALUE".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        use clap::CommandFactory;
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn values_are_checked() {
+        assert_eq!(ratio("5%"), Ok(0.05));
+        assert_eq!(ratio("1"), Ok(1.0));
+        assert!(["0", "101%", "-1", "nan", "", "%"].iter().all(|t| ratio(t).is_err()));
+        assert_eq!(lengths("15, 15,15").unwrap().0, [15, 15, 15]);
+        assert!(["", "0,1,1", "7", "1,2,3,4", "1,2,3,4,5", "a,1,1", "1,,2", "-1"].iter().all(|t| lengths(t).is_err()));
+        assert_eq!(numbers::<3>("0,-0.5,1e0"), Ok([0.0, -0.5, 1.0]));
+        assert!(["1,2", "1,2,3,4", "1,2,inf", "1,2,x"].iter().all(|t| numbers::<3>(t).is_err()));
+        assert!(positive::<f32>("1e-60").is_err() && positive::<f64>("inf").is_err() && not_negative("0").is_ok());
+        assert_eq!(key_value("a=b=c"), Ok(("a".into(), "b=c".into())));
+        assert!(key_value("=x").is_err() && key_value("x").is_err());
+    }
+}

@@ -1,0 +1,290 @@
+//! `csbrdf encode`: tables in, files out, one after the other: each encode is parallel inside, so that the peak of
+//! memory stays that of one.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+use std::time::{Duration, Instant};
+
+use csbrdf::encode::{Channels, Encoder, Preset};
+use csbrdf::format::metadata::Metadata;
+use csbrdf::fourier::Basis;
+use csbrdf::sample::Sampling;
+use csbrdf::table::merl::read_merl;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use sha2::{Digest, Sha256};
+
+use crate::args::{BasisArg, ChannelsArg, EncodeArgs, PresetArg};
+use crate::failure::{Failure, Outcome, note};
+use crate::input::{self, is_dash, label};
+use crate::output::Target;
+use crate::text::{clean, error_figure, grouped};
+
+/// No progress bar for less work than this.
+const PATIENCE: Duration = Duration::from_millis(700);
+
+/// The figures of one encoded file.
+struct Done {
+    bytes: usize,
+    ratio: f64,
+    log_rms: f64,
+    log_max: f64,
+    seconds: f64,
+}
+
+pub fn run(args: &EncodeArgs, quiet: bool) -> Outcome {
+    let targets = targets(args)?;
+    let encoder = encoder(args);
+    let metadata = metadata(&args.meta)?;
+    if let Some(folder) = &args.out_dir {
+        std::fs::create_dir_all(folder).map_err(|e| Failure::io(folder, &e))?;
+    }
+    if let ([input], [target]) = (&args.inputs[..], &targets[..]) {
+        let done = encode(input, target, &encoder, &metadata, args.force, quiet)?;
+        if !quiet {
+            note(&format!(
+                "{} -> {target}: {} bytes, {:.1}:1, log rms {}, max {}, {:.2} s",
+                label(input),
+                grouped(done.bytes),
+                done.ratio,
+                error_figure(done.log_rms),
+                error_figure(done.log_max),
+                done.seconds
+            ));
+        }
+        return Ok(());
+    }
+    let mut results = Vec::new();
+    let mut first_failure = None;
+    for (input, target) in args.inputs.iter().zip(&targets) {
+        let result = encode(input, target, &encoder, &metadata, args.force, quiet);
+        if let Err(failure) = &result {
+            failure.report();
+        }
+        results.push((label(input), result.map_err(|failure| first_failure.get_or_insert(failure.reported()).code())));
+    }
+    if !quiet {
+        summarise(&results);
+    }
+    first_failure.map_or(Ok(()), Err)
+}
+
+/// Where each input's file goes.
+fn targets(args: &EncodeArgs) -> Result<Vec<Target>, Failure> {
+    if let Some(output) = &args.output {
+        if args.inputs.len() > 1 {
+            return Err(Failure::usage("-o names one output for several inputs; use --out-dir DIR"));
+        }
+        return Ok(vec![Target::of(output)]);
+    }
+    let mut taken: HashMap<PathBuf, &Path> = HashMap::new();
+    let mut targets = Vec::new();
+    for input in &args.inputs {
+        if is_dash(input) {
+            if args.inputs.len() > 1 {
+                return Err(Failure::usage("standard input cannot be one of several inputs"));
+            }
+            if args.out_dir.is_some() {
+                return Err(Failure::usage("standard input has no name to use in --out-dir; use -o OUT"));
+            }
+            return Ok(vec![Target::Stdout]);
+        }
+        let beside = input.with_extension("csbrdf");
+        let output = match (&args.out_dir, beside.file_name()) {
+            (Some(folder), Some(name)) => folder.join(name),
+            _ => beside,
+        };
+        if let Some(other) = taken.insert(output.clone(), input) {
+            return Err(Failure::usage(format!(
+                "{} and {} would both become {}; encode them one by one with -o",
+                other.display(),
+                input.display(),
+                output.display()
+            )));
+        }
+        targets.push(Target::File(output));
+    }
+    Ok(targets)
+}
+
+fn encoder(args: &EncodeArgs) -> Encoder {
+    let mut encoder = Encoder::new().seed(args.seed).preset(match args.preset {
+        PresetArg::Archive => Preset::Archive,
+        PresetArg::Paper => Preset::Paper,
+    });
+    if let Some(step) = args.quality {
+        encoder = encoder.quality(step);
+    }
+    if let Some(sampling) = args.sampling.and_then(Sampling::from_ratio) {
+        encoder = encoder.sampling(sampling);
+    }
+    if let Some(basis) = args.basis {
+        encoder = encoder.basis(match basis {
+            BasisArg::Dct => Basis::Dct,
+            BasisArg::Dft => Basis::Dft,
+        });
+    }
+    if let Some(block) = &args.block {
+        encoder = encoder.block_shape(&block.0);
+    }
+    if let Some(eps) = args.eps {
+        encoder = encoder.eps(eps);
+    }
+    if let Some(sigma) = args.sigma {
+        encoder = encoder.sigma(sigma);
+    }
+    if let Some(channels) = args.channels {
+        encoder = encoder.channels(match channels {
+            ChannelsArg::Separate => Channels::Separate,
+            ChannelsArg::Opponent => Channels::Opponent,
+        });
+    }
+    encoder
+}
+
+/// The metadata that `--meta` gives.
+fn metadata(pairs: &[(String, String)]) -> Result<Metadata, Failure> {
+    let mut m = Metadata::default();
+    for (key, value) in pairs {
+        let single = match key.as_str() {
+            "name" => &mut m.name,
+            "uuid" => &mut m.uuid,
+            "version" => &mut m.version,
+            "instrument" => &mut m.instrument,
+            "date" => &mut m.date,
+            "licence" | "license" => &mut m.licence,
+            "source_file" => &mut m.source_file,
+            "source_sha256" => &mut m.source_sha256,
+            "tool" | "encoder" => {
+                return Err(Failure::usage(format!("--meta {key}: is written by the encoder itself; use another key")));
+            }
+            list @ ("copyright" | "copyrights" | "author" | "authors" | "source" | "sources") => {
+                match list.trim_end_matches('s') {
+                    "copyright" => &mut m.copyrights,
+                    "author" => &mut m.authors,
+                    _ => &mut m.sources,
+                }
+                .push(value.clone());
+                continue;
+            }
+            free => {
+                if m.other.insert(free.into(), value.clone().into()).is_some() {
+                    return Err(Failure::usage(format!("--meta {key}: is given twice")));
+                }
+                continue;
+            }
+        };
+        if single.replace(value.clone()).is_some() {
+            return Err(Failure::usage(format!("--meta {key}: is given twice")));
+        }
+    }
+    Ok(m)
+}
+
+fn encode(
+    input: &Path,
+    target: &Target,
+    encoder: &Encoder,
+    metadata: &Metadata,
+    force: bool,
+    quiet: bool,
+) -> Result<Done, Failure> {
+    let start = Instant::now();
+    let source = input::read(input)?;
+    let bytes = source.as_ref();
+    let size = bytes.len();
+    input::expect_merl(input, bytes)?;
+    target.check(force)?;
+    let table = read_merl(bytes).map_err(|e| Failure::in_file(input, &e))?;
+    if table.valid_count() == 0 {
+        let what = "no entry is valid: all are negative, NaN or infinite; there is nothing to encode";
+        return Err(Failure::bad_input(input, what));
+    }
+    let mut metadata = metadata.clone();
+    metadata.source_sha256.get_or_insert_with(|| hex(&Sha256::digest(bytes)));
+    if !is_dash(input) {
+        let text = |part: Option<&std::ffi::OsStr>| part.map(|p| p.to_string_lossy().into_owned());
+        metadata.source_file = metadata.source_file.or_else(|| text(input.file_name()));
+        metadata.name = metadata.name.or_else(|| text(input.file_stem()));
+    }
+    drop(source);
+    let bar = OnceLock::new();
+    let progress = |share: f64| {
+        if !quiet && start.elapsed() > PATIENCE {
+            bar.get_or_init(|| progress_bar(input)).set_position((share * 1000.0) as u64);
+        }
+    };
+    let encoded = encoder.clone().metadata(metadata).encode_with(&table, &progress);
+    bar.get().inspect(|bar| bar.finish_and_clear());
+    let encoded = encoded.map_err(|e| Failure::in_file(input, &e))?;
+    drop(table);
+    target.write(force, |out| Ok(out.write_all(&encoded.bytes)?))?;
+    Ok(Done {
+        bytes: encoded.bytes.len(),
+        ratio: size as f64 / encoded.bytes.len() as f64,
+        log_rms: encoded.report.log_rms,
+        log_max: encoded.report.log_max,
+        seconds: start.elapsed().as_secs_f64(),
+    })
+}
+
+/// A bar on standard error if that is a terminal.
+fn progress_bar(input: &Path) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(Some(1000), ProgressDrawTarget::stderr());
+    let style = ProgressStyle::with_template("{msg} [{bar:30}] {percent:>3} %  {elapsed}");
+    bar.set_style(style.map(|s| s.progress_chars("=> ")).unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar.with_message(clean(&label(input)))
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// The table after several inputs.
+fn summarise(results: &[(String, Result<Done, u8>)]) {
+    let width = results.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0).max(4);
+    note(&format!("{:width$} {:>11} {:>10} {:>9} {:>9} {:>8}", "file", "bytes", "ratio", "log rms", "max", "seconds"));
+    let mut failed = 0;
+    for (name, result) in results {
+        match result {
+            Ok(done) => note(&format!(
+                "{name:width$} {:>11} {:>8.1}:1 {:>9} {:>9} {:>8.2}",
+                grouped(done.bytes),
+                done.ratio,
+                error_figure(done.log_rms),
+                error_figure(done.log_max),
+                done.seconds
+            )),
+            Err(_) => {
+                failed += 1;
+                note(&format!("{name:width$} {:>11}", "failed"));
+            }
+        }
+    }
+    if failed > 0 {
+        note(&format!("{failed} of {} failed", results.len()));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pairs(list: &[(&str, &str)]) -> Vec<(String, String)> {
+        list.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect()
+    }
+
+    #[test]
+    fn known_keys_find_their_fields() {
+        let m = metadata(&pairs(&[("author", "A"), ("authors", "B"), ("license", "MIT"), ("lab", "x")])).unwrap();
+        assert_eq!((m.authors, m.licence.as_deref()), (vec!["A".to_string(), "B".into()], Some("MIT")));
+        assert_eq!(m.other["lab"], "x");
+        assert!(metadata(&pairs(&[("name", "a"), ("name", "b")])).is_err());
+        assert!(metadata(&pairs(&[("tool", "a")])).is_err() && metadata(&pairs(&[("x", "a"), ("x", "a")])).is_err());
+    }
+
+    #[test]
+    fn hashes_are_hexadecimal() {
+        assert!(hex(&Sha256::digest(b"abc")).starts_with("ba7816bf8f01cfea"));
+    }
+}

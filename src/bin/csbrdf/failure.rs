@@ -1,0 +1,128 @@
+//! Failures of the tool: one line on standard error and an exit code.
+
+use std::io::Write;
+use std::path::Path;
+
+use crate::input::label;
+use crate::text::clean;
+
+/// Exit codes, as `--help` lists them.
+const OPERATION: u8 = 1;
+const USAGE: u8 = 2;
+const BAD_INPUT: u8 = 3;
+const UNSUPPORTED: u8 = 4;
+
+/// Why a command ended early.
+#[derive(Debug)]
+pub struct Failure {
+    code: u8,
+    /// `None` if there is nothing (more) to say: it was said already, or the reader of our output has gone.
+    message: Option<String>,
+}
+
+/// What a command returns.
+pub type Outcome = Result<(), Failure>;
+
+impl Failure {
+    fn new(code: u8, message: String) -> Failure {
+        Failure { code, message: Some(message) }
+    }
+
+    /// The machine refused something.
+    pub fn operation(message: String) -> Failure {
+        Failure::new(OPERATION, message)
+    }
+
+    /// The arguments do not make sense together.
+    pub fn usage(message: impl Into<String>) -> Failure {
+        Failure::new(USAGE, message.into())
+    }
+
+    /// A file's contents are damaged or not what they should be.
+    pub fn bad_input(file: &Path, what: impl std::fmt::Display) -> Failure {
+        Failure::new(BAD_INPUT, format!("{}: {what}", label(file)))
+    }
+
+    /// A file is beyond what this build handles.
+    pub fn unsupported(file: &Path, what: impl std::fmt::Display) -> Failure {
+        Failure::new(UNSUPPORTED, format!("{}: {what}", label(file)))
+    }
+
+    /// Reading or writing the named file failed.
+    pub fn io(file: &Path, error: &std::io::Error) -> Failure {
+        use std::io::ErrorKind::*;
+        let remedy = match error.kind() {
+            NotFound => "; check the path",
+            PermissionDenied => "; check the permissions",
+            StorageFull | QuotaExceeded => "; free some space",
+            _ => "",
+        };
+        Failure::operation(format!("{}: {}{remedy}", label(file), plain(error)))
+    }
+
+    /// Standard output failed; quietly if its reader has closed it.
+    pub fn stdout(error: &std::io::Error) -> Failure {
+        if error.kind() == std::io::ErrorKind::BrokenPipe {
+            return Failure { code: 0, message: None };
+        }
+        Failure::operation(format!("standard output: {}", plain(error)))
+    }
+
+    /// Everything was reported already; only the exit code of `self` is left.
+    pub fn reported(self) -> Failure {
+        Failure { message: None, ..self }
+    }
+
+    /// An error of the library about the named file.
+    pub fn in_file(file: &Path, error: &csbrdf::Error) -> Failure {
+        use csbrdf::Error::*;
+        let code = match error.kind() {
+            Io(e) => return Failure::io(file, e),
+            NotCsbrdf { .. } | Truncated { .. } | Corrupt { .. } => BAD_INPUT,
+            UnsupportedVersion { .. } | LimitExceeded { .. } => UNSUPPORTED,
+            InvalidArgument(_) => USAGE,
+            _ => OPERATION,
+        };
+        // The remedy for a corrupt file, where the error does not name one.
+        let remedy = match error.kind() {
+            Corrupt { what, .. } if !what.contains("fetch") && !what.contains('?') => "; fetch or make the file again",
+            _ => "",
+        };
+        Failure::new(code, format!("{}: {}{remedy}", label(file), error.kind()))
+    }
+
+    /// An error of the library about the arguments.
+    pub fn in_arguments(error: &csbrdf::Error) -> Failure {
+        Failure::usage(error.kind().to_string())
+    }
+
+    /// True if nobody reads the output any more, so that more work is in vain.
+    pub fn is_quiet(&self) -> bool {
+        self.code == 0
+    }
+
+    /// The exit code.
+    pub fn code(&self) -> u8 {
+        self.code
+    }
+
+    /// Prints the message, one line.
+    pub fn report(&self) {
+        if let Some(message) = &self.message {
+            note(&format!("csbrdf: {message}"));
+        }
+    }
+}
+
+/// An operating system's error without its number.
+fn plain(error: &std::io::Error) -> String {
+    let text = error.to_string();
+    let text = text.split(" (os error").next().unwrap_or(&text);
+    let mut letters = text.chars();
+    letters.next().map_or(String::new(), |first| first.to_lowercase().chain(letters).collect())
+}
+
+/// A line on standard error; whether anybody reads it does not matter.
+pub fn note(line: &str) {
+    let _ = writeln!(std::io::stderr().lock(), "{}", clean(line));
+}

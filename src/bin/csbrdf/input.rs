@@ -1,0 +1,97 @@
+//! Inputs: a path or `-`, mapped where possible; tables in either format.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use csbrdf::decode::Reader;
+use csbrdf::format::MAGIC;
+use csbrdf::table::BrdfTable;
+use csbrdf::table::merl::read_merl;
+
+use crate::failure::{Failure, Outcome};
+
+/// Most bytes that are read from what cannot be mapped: a pipe may never end.
+const STREAM_LIMIT: u64 = 1 << 30;
+
+/// The bytes of an input.
+pub enum Bytes {
+    /// Of a file.
+    Map(memmap2::Mmap),
+    /// Of a pipe.
+    Heap(Vec<u8>),
+}
+
+impl AsRef<[u8]> for Bytes {
+    fn as_ref(&self) -> &[u8] {
+        match self {
+            Bytes::Map(map) => map,
+            Bytes::Heap(bytes) => bytes,
+        }
+    }
+}
+
+/// True for `-`, standard input or output.
+pub fn is_dash(path: &Path) -> bool {
+    path.as_os_str() == "-"
+}
+
+/// What messages call a path.
+pub fn label(path: &Path) -> String {
+    if is_dash(path) { "standard input".into() } else { path.display().to_string() }
+}
+
+/// The bytes of a file or of standard input.
+pub fn read(path: &Path) -> Result<Bytes, Failure> {
+    let failed = |e: std::io::Error| Failure::io(path, &e);
+    if is_dash(path) {
+        return stream(path, std::io::stdin().lock());
+    }
+    let metadata = std::fs::metadata(path).map_err(failed)?;
+    if metadata.is_dir() {
+        return Err(Failure::operation(format!("{}: is a directory; name the files in it", label(path))));
+    }
+    if metadata.is_file() {
+        return csbrdf::map::map_file(path).map(Bytes::Map).map_err(|e| Failure::in_file(path, &e));
+    }
+    stream(path, File::open(path).map_err(failed)?)
+}
+
+fn stream(path: &Path, from: impl Read) -> Result<Bytes, Failure> {
+    let mut bytes = Vec::new();
+    let read = from.take(STREAM_LIMIT + 1).read_to_end(&mut bytes).map_err(|e| Failure::io(path, &e))?;
+    if read as u64 > STREAM_LIMIT {
+        let what = format!("more than {STREAM_LIMIT} bytes came through the pipe; write them to a file and name it");
+        return Err(Failure::unsupported(path, what));
+    }
+    Ok(Bytes::Heap(bytes))
+}
+
+/// Opens a csbrdf file.
+pub fn open(path: &Path) -> Result<Reader<Bytes>, Failure> {
+    Reader::open(read(path)?).map_err(|e| Failure::in_file(path, &e))
+}
+
+/// Fails if the first bytes are those of something else than a MERL table.
+pub fn expect_merl(path: &Path, bytes: &[u8]) -> Outcome {
+    let other = match bytes {
+        [] => "the file is empty; give a MERL .binary table",
+        b if b.starts_with(&MAGIC) => "is a csbrdf file already; give the table that it was made from",
+        b if b.starts_with(b"tensor_file") => "is an RGL tensor file; give a table on MERL's grid",
+        b if b.iter().take(64).all(|c| c.is_ascii_graphic() || c.is_ascii_whitespace()) => {
+            "is a text file; give a MERL .binary table"
+        }
+        _ => return Ok(()),
+    };
+    Err(Failure::bad_input(path, other))
+}
+
+/// The table in a file of either format, told apart by its first bytes.
+pub fn table(path: &Path) -> Result<BrdfTable, Failure> {
+    let bytes = read(path)?;
+    if !bytes.as_ref().starts_with(&MAGIC) {
+        expect_merl(path, bytes.as_ref())?;
+        return read_merl(bytes.as_ref()).map_err(|e| Failure::in_file(path, &e));
+    }
+    Reader::open(bytes).and_then(|reader| reader.decode_table()).map_err(|e| Failure::in_file(path, &e))
+}

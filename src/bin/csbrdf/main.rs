@@ -1,0 +1,60 @@
+//! The command-line tool: encodes, decodes and examines measured BRDFs.
+
+mod args;
+mod compare;
+mod decode;
+mod demo;
+mod encode;
+mod eval;
+mod failure;
+mod info;
+mod input;
+mod output;
+mod picture;
+mod synth;
+mod text;
+mod verify;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+use args::{Cli, Command};
+use failure::{Failure, Outcome};
+
+fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => {
+            // Help and version are errors of code 0 to clap. A closed pipe is no reason to complain.
+            let _ = error.print();
+            return ExitCode::from(error.exit_code().clamp(0, 255) as u8);
+        }
+    };
+    match run(cli) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            failure.report();
+            ExitCode::from(failure.code())
+        }
+    }
+}
+
+fn run(cli: Cli) -> Outcome {
+    if let Some(threads) = cli.threads {
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads.into())
+            .build_global()
+            .map_err(|e| Failure::operation(format!("cannot start {threads} threads: {e}; ask for fewer")))?;
+    }
+    match cli.command {
+        Command::Encode(args) => encode::run(&args, cli.quiet),
+        Command::Decode(args) => decode::run(&args),
+        Command::Info(args) => info::run(&args),
+        Command::Verify(args) => verify::run(&args, cli.quiet),
+        Command::Compare(args) => compare::run(&args),
+        Command::Eval(args) => eval::run(&args),
+        Command::Synth(args) => synth::run(&args),
+        Command::Demo(args) => demo::run(&args),
+    }
+}

@@ -1,0 +1,126 @@
+//! Outputs: standard output, or a file that appears under its name only when it is complete.
+
+use std::fs::File;
+use std::io::{BufWriter, IsTerminal, Write};
+use std::path::{Path, PathBuf};
+
+use crate::failure::{Failure, Outcome};
+use crate::input::is_dash;
+
+/// Where a command's result goes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Target {
+    /// Standard output.
+    Stdout,
+    /// A file.
+    File(PathBuf),
+}
+
+impl Target {
+    /// The target that `-o` names.
+    pub fn of(path: &Path) -> Target {
+        if is_dash(path) { Target::Stdout } else { Target::File(path.to_path_buf()) }
+    }
+
+    /// Fails if writing would fail for a reason that can be known before the work: the file exists and `force` is
+    /// not set, its folder does not, or bytes that are no text would go to a terminal.
+    pub fn check(&self, force: bool) -> Outcome {
+        let path = match self {
+            Target::Stdout if std::io::stdout().is_terminal() => {
+                return Err(Failure::usage("binary data is not written to a terminal; use -o FILE or a pipe"));
+            }
+            Target::Stdout => return Ok(()),
+            Target::File(path) => path,
+        };
+        match std::fs::metadata(path) {
+            Ok(found) if found.is_dir() => {
+                Err(Failure::operation(format!("{}: is a directory; name a file in it", path.display())))
+            }
+            Ok(found) if found.is_file() && !force => Err(exists(path)),
+            Ok(_) => Ok(()),
+            Err(_) if !folder_of(path).is_dir() => {
+                let folder = folder_of(path).display().to_string();
+                Err(Failure::operation(format!("{}: no folder {folder}; make it first", path.display())))
+            }
+            Err(_) => Ok(()),
+        }
+    }
+
+    /// Writes what `fill` produces. A file is written under a temporary name in its folder, brought to the disk and
+    /// renamed; if anything fails, nothing is left. Devices and pipes are written to directly.
+    pub fn write(&self, force: bool, fill: impl FnOnce(&mut dyn Write) -> csbrdf::Result<()>) -> Outcome {
+        let path = match self {
+            Target::Stdout => {
+                let mut out = BufWriter::new(std::io::stdout().lock());
+                let written = fill(&mut out).and_then(|()| Ok(out.flush()?));
+                return written.map_err(|e| match e.kind() {
+                    csbrdf::Error::Io(e) => Failure::stdout(e),
+                    _ => Failure::in_arguments(&e),
+                });
+            }
+            Target::File(path) => path,
+        };
+        let failed = |e: csbrdf::Error| Failure::in_file(path, &e);
+        let io = |e: std::io::Error| Failure::io(path, &e);
+        if std::fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir()) {
+            let mut out = BufWriter::new(File::options().write(true).open(path).map_err(io)?);
+            return fill(&mut out).and_then(|()| Ok(out.flush()?)).map_err(failed);
+        }
+        let mut temporary = temporary_beside(path).map_err(io)?;
+        let mut out = BufWriter::new(temporary.as_file_mut());
+        fill(&mut out).and_then(|()| Ok(out.flush()?)).map_err(failed)?;
+        drop(out);
+        temporary.as_file().sync_all().map_err(io)?;
+        if force {
+            temporary.persist(path).map_err(|e| io(e.error))?;
+        } else {
+            // Refused by the operating system if the name was taken in the meantime.
+            temporary.persist_noclobber(path).map_err(|e| match e.error.kind() {
+                std::io::ErrorKind::AlreadyExists => exists(path),
+                _ => io(e.error),
+            })?;
+        }
+        // The name itself, where folders can be synchronised.
+        if let Ok(folder) = File::open(folder_of(path)) {
+            let _ = folder.sync_all();
+        }
+        Ok(())
+    }
+}
+
+impl std::fmt::Display for Target {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Target::Stdout => write!(f, "standard output"),
+            Target::File(path) => write!(f, "{}", path.display()),
+        }
+    }
+}
+
+fn exists(path: &Path) -> Failure {
+    Failure::operation(format!("{}: exists already; --force replaces it", path.display()))
+}
+
+fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    }
+}
+
+fn temporary_beside(path: &Path) -> std::io::Result<tempfile::NamedTempFile> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".csbrdf-").suffix(".tmp");
+    // Temporary files are private; the result has the permissions of any new file.
+    #[cfg(unix)]
+    let permissions: std::fs::Permissions = std::os::unix::fs::PermissionsExt::from_mode(0o666);
+    #[cfg(unix)]
+    builder.permissions(permissions);
+    builder.tempfile_in(folder_of(path))
+}
+
+/// Prints text to standard output.
+pub fn print(text: &str) -> Outcome {
+    let mut out = std::io::stdout().lock();
+    out.write_all(text.as_bytes()).and_then(|()| out.flush()).map_err(|e| Failure::stdout(&e))
+}

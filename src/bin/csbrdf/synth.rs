@@ -1,0 +1,27 @@
+//! `csbrdf synth`: synthetic tables.
+
+use std::path::PathBuf;
+
+use csbrdf::grid::Grid;
+use csbrdf::table::merl::write_merl;
+use csbrdf::table::synth::Recipe;
+
+use crate::args::SynthArgs;
+use crate::failure::{Failure, Outcome};
+use crate::output::{Target, print};
+
+pub fn run(args: &SynthArgs) -> Outcome {
+    let Some(name) = args.name.as_deref().filter(|_| !args.list) else {
+        return print(&Recipe::NAMES.map(|name| format!("{name}\n")).concat());
+    };
+    let Some(recipe) = Recipe::named(name) else {
+        return Err(Failure::usage(format!("no material {name}; there are {}", Recipe::NAMES.join(", "))));
+    };
+    let recipe = Recipe { noise: args.noise, holes: args.holes, seed: args.seed, ..recipe };
+    let output = args.output.clone().unwrap_or_else(|| PathBuf::from(format!("{name}.binary")));
+    let target = Target::of(&output);
+    target.check(args.force)?;
+    let grid = Grid::merl(if args.phi_d == "360" { 360 } else { 180 });
+    let table = recipe.synthesise(&grid).map_err(|e| Failure::in_arguments(&e))?;
+    target.write(args.force, |out| write_merl(&table, false, out))
+}

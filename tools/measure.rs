@@ -1,0 +1,121 @@
+//! Measures the decoder on files: `cargo run --release --example measure -- FILE.csbrdf...`
+//!
+//! Per file, in one run: the time to map and open it; open and one random block, nothing shared between repetitions
+//! but the page cache; one random block warm, per decoded value; the whole table to float32 on one thread and on all;
+//! `Brdf::eval` for random directions with a cache that holds every block. Medians, with 10 % and 90 % quantiles for
+//! the cold block.
+
+use std::hint::black_box;
+use std::path::Path;
+use std::time::Instant;
+
+use csbrdf::decode::{Reader, Scratch};
+use csbrdf::eval::Brdf;
+use csbrdf::sample::SplitMix64;
+
+type Failure = Box<dyn std::error::Error>;
+
+fn main() -> Result<(), Failure> {
+    let files: Vec<String> = std::env::args().skip(1).collect();
+    if files.is_empty() {
+        return Err("usage: measure FILE.csbrdf...".into());
+    }
+    println!(
+        "| file | kB | open, us | open + one block, us (10 %, 90 %) | block warm, ns/value | decode 1 thread, ms | decode all threads, ms | eval warm, ns |"
+    );
+    println!("| --- | --- | --- | --- | --- | --- | --- | --- |");
+    for file in &files {
+        measure(Path::new(file))?;
+    }
+    Ok(())
+}
+
+/// Seconds of each of `n` calls, ascending.
+fn times(n: usize, mut call: impl FnMut(usize) -> Result<(), Failure>) -> Result<Vec<f64>, Failure> {
+    let mut seconds = Vec::with_capacity(n);
+    for i in 0..n {
+        let start = Instant::now();
+        call(i)?;
+        seconds.push(start.elapsed().as_secs_f64());
+    }
+    seconds.sort_by(f64::total_cmp);
+    Ok(seconds)
+}
+
+fn quantile(sorted: &[f64], q: f64) -> f64 {
+    sorted[((sorted.len() - 1) as f64 * q).round() as usize]
+}
+
+fn measure(path: &Path) -> Result<(), Failure> {
+    let mut random = SplitMix64(1);
+    let reader = Reader::open_path(path)?;
+    let blocks = reader.block_count();
+    let open = times(200, |_| {
+        black_box(Reader::open_path(path)?);
+        Ok(())
+    })?;
+    let cold = times(200, |_| {
+        let reader = Reader::open_path(path)?;
+        let block = random.next_u64() as usize % blocks;
+        let mut values = vec![0.0; reader.block_values(block)?];
+        reader.block_into(block, &mut values)?;
+        black_box(values);
+        Ok(())
+    })?;
+
+    let mut scratch = Scratch::default();
+    let mut decoded = 0;
+    let warm = times(10, |_| {
+        for _ in 0..blocks {
+            let block = random.next_u64() as usize % blocks;
+            let mut values = vec![0.0; reader.block_values(block)?];
+            reader.block_with(block, &mut scratch, &mut values)?;
+            decoded += black_box(values).len();
+        }
+        Ok(())
+    })?;
+    let per_value = quantile(&warm, 0.5) / (decoded as f64 / 10.0);
+
+    let full = |threads: usize| -> Result<f64, Failure> {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+        let seconds = times(15, |_| {
+            black_box(pool.install(|| reader.decode_all())?);
+            Ok(())
+        })?;
+        Ok(quantile(&seconds, 0.5))
+    };
+    let (single, all) = (full(1)?, full(std::thread::available_parallelism()?.get())?);
+
+    let mut direction = || {
+        let mut uniform = || (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
+        let (z, phi) = (uniform(), std::f64::consts::TAU * uniform());
+        let r = (1.0 - z * z).sqrt();
+        [r * phi.cos(), r * phi.sin(), z]
+    };
+    let pairs: Vec<_> = (0..100_000).map(|_| (direction(), direction())).collect();
+    let brdf = Brdf::open(Reader::open_path(path)?)?.with_cache(blocks);
+    let channels = reader.grid().channels().len();
+    let mut value = vec![0.0; channels];
+    let eval = times(4, |_| {
+        for &(wi, wo) in &pairs {
+            brdf.eval_into(wi, wo, &mut value)?;
+            black_box(&value);
+        }
+        Ok(())
+    })?;
+
+    println!(
+        "| {} | {:.1} | {:.0} | {:.0} ({:.0}, {:.0}) | {:.1} | {:.1} | {:.1} | {:.0} |",
+        path.file_name().unwrap_or_default().to_string_lossy(),
+        std::fs::metadata(path)?.len() as f64 / 1e3,
+        quantile(&open, 0.5) * 1e6,
+        quantile(&cold, 0.5) * 1e6,
+        quantile(&cold, 0.1) * 1e6,
+        quantile(&cold, 0.9) * 1e6,
+        per_value * 1e9,
+        single * 1e3,
+        all * 1e3,
+        quantile(&eval, 0.0) / pairs.len() as f64 * 1e9,
+    );
+    Ok(())
+}
