@@ -16,7 +16,8 @@ const CHANNEL_CLASSES: usize = 3;
 const LEVELS: usize = 12;
 const POSITIONS: usize = 4;
 const SISTERS: usize = 3;
-const EXPONENTS: usize = 26;
+/// Magnitudes less one have at most 24 bits.
+const EXPONENTS: usize = 25;
 const MAGNITUDE_LEVELS: usize = 8;
 
 const ANY: usize = 0;

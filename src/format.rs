@@ -22,6 +22,8 @@ pub const VERSION: (u16, u16, u16) = (1, 0, 1);
 pub const MAX_AXES: usize = 4;
 /// Most bins of one axis.
 pub const MAX_AXIS_LEN: usize = 1 << 16;
+/// Largest magnitude of an axis's start and end: within it the decoder's sines are accurate.
+pub const MAX_ANGLE: f64 = 1e6;
 /// Most grid positions of a table.
 pub const MAX_POSITIONS: usize = 1 << 34;
 /// Most channels of a table.

@@ -1,7 +1,7 @@
 //! The sampling grid of a table: named angular axes and channels.
 
 use crate::error::{Error, Result};
-use crate::format::{MAX_AXES, MAX_AXIS_LEN, MAX_CHANNEL_NAME, MAX_CHANNELS, MAX_POSITIONS};
+use crate::format::{MAX_ANGLE, MAX_AXES, MAX_AXIS_LEN, MAX_CHANNEL_NAME, MAX_CHANNELS, MAX_POSITIONS};
 
 /// What an axis of the grid measures. All angles are in radians.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -138,9 +138,15 @@ impl Grid {
                     axis.len
                 ));
             }
-            if !(axis.start.is_finite() && axis.end.is_finite() && axis.start < axis.end) {
-                return bad(format!("axis {} has the empty range {}..{}", axis.name.as_str(), axis.start, axis.end));
+            let bounded = axis.start.abs() <= MAX_ANGLE && axis.end.abs() <= MAX_ANGLE;
+            if !(bounded && axis.start < axis.end) {
+                let (name, start, end) = (axis.name.as_str(), axis.start, axis.end);
+                return bad(format!("axis {name} has the range {start}..{end}, empty or beyond {MAX_ANGLE}"));
             }
+        }
+        let named = |name: AxisName| name != AxisName::Other && axes.iter().filter(|a| a.name == name).count() > 1;
+        if let Some(axis) = axes.iter().find(|a| named(a.name)) {
+            return bad(format!("two axes are named {}", axis.name.as_str()));
         }
         let positions = axes.iter().try_fold(1usize, |n, a| n.checked_mul(a.len)).unwrap_or(usize::MAX);
         if positions > MAX_POSITIONS {
@@ -242,6 +248,8 @@ mod tests {
         assert!(Grid::new(vec![], channels.clone()).is_err());
         assert!(Grid::new(vec![axis; 5], channels.clone()).is_err());
         assert!(Grid::new(vec![Axis { len: 0, ..axis }], channels.clone()).is_err());
+        assert!(Grid::new(vec![axis; 2], channels.clone()).is_err());
+        assert!(Grid::new(vec![Axis { end: 1e7, ..axis }], channels.clone()).is_err());
         assert!(Grid::new(vec![Axis { end: f64::NAN, ..axis }], channels.clone()).is_err());
         assert!(Grid::new(vec![axis], vec![]).is_err());
         assert!(Grid::new(vec![axis], Grid::rgb_channels([1.0, 0.0, 1.0])).is_err());

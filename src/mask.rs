@@ -29,11 +29,9 @@ impl MaskModel {
         positions(block.shape)
             .map(|p| {
                 let above = horizon.elevation(std::array::from_fn(|a| block.origin[a] + p[a])) - threshold;
-                if above >= 0.0 {
-                    (half + above / BAND).min(2.0 * half - 1.0) as u8
-                } else {
-                    (half - 1.0 + above / BAND).max(0.0) as u8
-                }
+                let band = (half + above / BAND).floor().clamp(0.0, 2.0 * half - 1.0);
+                // The quotient may round to zero where the difference is negative.
+                if above < 0.0 { band.min(half - 1.0) as u8 } else { band as u8 }
             })
             .collect()
     }

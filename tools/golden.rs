@@ -83,14 +83,33 @@ fn features() -> Result<Vec<(&'static str, Encoder, BrdfTable)>, Failure> {
     let line = Grid::new(vec![linear(AxisName::Other, 37, 1.0)], vec![luminance])?;
     let line = BrdfTable::from_values(line, (0..37).map(|i| 1.0 / (1.0 + f64::from(i))).collect())?;
 
+    // A step so coarse that logs end below ln(eps), and beyond what exp can hold in either precision.
+    let axes = vec![
+        linear(AxisName::PhiH, 3, 2.0 * PI),
+        linear(AxisName::ThetaH, 2, FRAC_PI_2),
+        linear(AxisName::ThetaD, 5, FRAC_PI_2),
+        linear(AxisName::PhiD, 4, PI),
+    ];
+    let grid = Grid::new(axes, vec![Channel { name: "Y".into(), wavelength: None, scale: 1e-3 }])?;
+    let value = |i: usize| [1e300, 0.0, f64::MAX, 1e-300, 1.0, -1.0][i * i % 6];
+    let coarse = BrdfTable::from_values(grid, (0..120).map(value).collect())?;
+
+    let short = Grid::new(vec![linear(AxisName::ThetaH, 5, FRAC_PI_2)], Grid::rgb_channels([1.0; 3]))?;
+    let short = BrdfTable::from_values(short, (0..15).map(|i| 0.1 + f64::from(i * i % 7)).collect())?;
+    let fine = recipe("mirror-like")?.synthesise(&small([6, 6, 8])?)?;
+
     let ratio = Sampling::from_ratio(0.2).ok_or("a ratio")?;
     let paper = Encoder::new().preset(Preset::Paper).block_shape(&[6, 6, 10]).sampling(ratio).seed(42);
+    let coarse_encoder = Encoder::new().basis(Basis::Dft).block_shape(&[2, 2, 5, 3]).quality(60.0).eps(1e-300);
     Ok(vec![
         ("dct-opponent-mask", Encoder::new().block_shape(&[6, 5, 12]).metadata(metadata), masked),
         ("dft-sampled-horizon", paper, sampled),
         ("dct-tiled", Encoder::new().partition(tiles), tiled),
         ("dct-mask-per-channel-extremes", Encoder::new().block_shape(&[4, 9, 5]), extremes),
         ("dct-4d-spectral", Encoder::new().block_shape(&[3, 6, 3, 7]), spectral),
+        ("dft-4d-coarse-extremes", coarse_encoder, coarse),
+        ("dct-1d-single-positions", Encoder::new().block_shape(&[2]), short),
+        ("dct-fine-step", Encoder::new().block_shape(&[6, 6, 8]).quality(1e-4), fine),
         ("dft-1d", Encoder::new().basis(Basis::Dft).block_shape(&[16]).quality(0.01), line),
     ])
 }

@@ -5,13 +5,16 @@
 use csbrdf::decode::{Reader, Scratch};
 use libfuzzer_sys::fuzz_target;
 
-const FILES: [&[u8]; 6] = [
+const FILES: [&[u8]; 9] = [
     include_bytes!("../../tests/data/v1/dct-opponent-mask.csbrdf"),
     include_bytes!("../../tests/data/v1/dft-sampled-horizon.csbrdf"),
     include_bytes!("../../tests/data/v1/dct-tiled.csbrdf"),
     include_bytes!("../../tests/data/v1/dct-mask-per-channel-extremes.csbrdf"),
     include_bytes!("../../tests/data/v1/dct-4d-spectral.csbrdf"),
     include_bytes!("../../tests/data/v1/dft-1d.csbrdf"),
+    include_bytes!("../../tests/data/v1/dft-4d-coarse-extremes.csbrdf"),
+    include_bytes!("../../tests/data/v1/dct-1d-single-positions.csbrdf"),
+    include_bytes!("../../tests/data/v1/dct-fine-step.csbrdf"),
 ];
 
 fuzz_target!(|data: &[u8]| {

@@ -1,7 +1,7 @@
 //! Analysis and synthesis in double precision for the encoder and its solver.
 //!
 //! The decoder fixes every rounding; the encoder need not, so it takes the fastest way. DCT axes up to
-//! [`DENSE_MAX`] are dense products over side-by-side lines (they vectorise; a 15-point FFT-based DCT has more
+//! 64 are dense products over side-by-side lines (they vectorise; a 15-point FFT-based DCT has more
 //! overhead than arithmetic), longer ones and all DFTs go through rustdct and rustfft.
 
 use std::sync::Arc;

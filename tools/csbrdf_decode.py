@@ -1,0 +1,624 @@
+#!/usr/bin/env python3
+"""A plain decoder of .csbrdf files (format 1.0, draft 1), written from csbrdf.md for reading along with it.
+
+    csbrdf_decode.py FILE...                   name and CRC-32 of the values, the binary64 values / scale, the validity
+    csbrdf_decode.py --check HASHES [FILE...]  compare these with a list; exit 1 on a difference
+    csbrdf_decode.py -o OUT.npy FILE           write the binary32 values [channel][axes...]
+    csbrdf_decode.py --block N FILE            decode one block and print its values
+
+Needs NumPy. Every operation on arrays is elementwise, in the precision of the array, so the order and the roundings are
+those of the specification. Numbers in docstrings are its sections. META (3.7) is not decoded, only its CRC is checked.
+"""
+import argparse
+import itertools
+import math
+import os
+import struct
+import sys
+import zlib
+from collections import Counter
+
+import numpy as np
+
+F32, F64 = np.float32, np.float64
+AXES = ["other", "theta_h", "phi_h", "theta_d", "phi_d", "theta_i", "phi_i", "theta_o", "phi_o"]
+ALL, NONE, HORIZON, MASK, MASK_PER_CHANNEL = range(5)  # classes of validity, 3.8
+ANY, EXTENT, ROW, SIGNIFICANT, EXPONENT, MANTISSA, MASKS, CONTEXTS = 0, 3, 195, 276, 708, 1308, 1333, 1397  # 4.6
+LEVEL = [0, 1, 2, 3, 4, 5, 6, 7, 7] + [8] * 3 + [9] * 5 + [10] * 12  # 4.6, above: 11
+
+
+class Refused(Exception):
+    """5: what is reserved, out of range, contradictory or damaged."""
+
+
+class Cursor:
+    """Reads a section field by field and names section and offset when a field is refused."""
+
+    def __init__(self, name, data):
+        self.name, self.data, self.pos, self.at = name, data, 0, 0
+
+    def check(self, ok, what):
+        if not ok:
+            raise Refused(f"{self.name}, offset {self.at}: {what}")
+
+    def bytes(self, count):
+        self.at = self.pos
+        self.check(count <= len(self.data) - self.pos, "the section ends too early")
+        self.pos += count
+        return self.data[self.at:self.pos]
+
+    def get(self, kind, what, low=None, high=None):
+        """One little-endian number (a letter of struct), refused outside [low, high]; NaN is outside of everything."""
+        value, = struct.unpack("<" + kind, self.bytes(struct.calcsize("<" + kind)))
+        self.check(low is None or value >= low, f"{what} is {value}")
+        self.check(high is None or value <= high, f"{what} is {value}")
+        return value
+
+    def end(self):
+        self.at = self.pos
+        self.check(self.pos == len(self.data), "bytes after the last field")
+
+
+# ---------------------------------------------------------------------------------------------------- 2. Arithmetic
+
+def horner(coefficients, x):
+    """2: ((c_m x + c_(m-1)) x + ...) x + c_0 in the precision of x."""
+    result = x.dtype.type(0) * x
+    for i, c in enumerate(coefficients):
+        result = (result if i == 0 else result * x) + x.dtype.type(c)
+    return result
+
+
+def C(x):
+    """2: cosine near 0."""
+    z = x * x
+    return horner([(-1) ** (m // 2) / math.factorial(m) for m in range(18, 0, -2)], z) * z + 1.0
+
+
+def S(x):
+    """2: sine near 0."""
+    z = x * x
+    return (horner([(-1) ** (m // 2) / math.factorial(m) for m in range(19, 1, -2)], z) * z) * x + x
+
+
+def cos_turn(p, q):
+    """2: cosine of 2 pi p / q; p an array of integers, q an integer."""
+    e = (8 * p) % (8 * q)
+    e = np.minimum(e, 8 * q - e)
+    sign = np.where(e > 2 * q, -1.0, 1.0)
+    e = np.where(e > 2 * q, 4 * q - e, e)
+    near = C(e.astype(F64) / F64(q) * F64(math.pi / 4))
+    far = S((2 * q - e).astype(F64) / F64(q) * F64(math.pi / 4))
+    return sign * np.where(e <= q, near, far)
+
+
+def sin_cos(a):
+    """2: (sin, cos) of an array of f64 angles."""
+    t = a * F64(2 / math.pi) + F64(6755399441055744)
+    k = t.view(np.int64) & 3
+    r = a - (t - F64(6755399441055744)) * F64(math.pi / 2)
+    s, c = S(r), C(r)
+    return np.choose(k, [s, c, -s, -c]), np.choose(k, [c, -s, -c, s])
+
+
+def exp(x, kind, lowest, highest, magic, high_bits, low_bits, degree):
+    """2: what exp32 and exp64 share; kind is the precision."""
+    y = np.maximum(np.minimum(x, kind(highest)), kind(lowest))
+    s = y * kind(1.4426950408889634) + kind(magic)
+    n = s - kind(magic)
+    r = (y - n * high_bits) - n * low_bits
+    p = horner([1 / math.factorial(m) for m in range(degree, -1, -1)], r)
+    with np.errstate(over="ignore"):
+        result = (p * np.ldexp(kind(1), n.astype(np.int32) - 1)) * kind(2)
+    return np.where(x < kind(lowest), kind(0), np.minimum(result, np.finfo(kind).max))
+
+
+def exp32(x):
+    """2: exp in binary32."""
+    h, l = np.array([0x3F317200, 0x35BFBE8E], np.uint32).view(F32)
+    return exp(x, F32, -86, 89, 12582912, h, l, 7)
+
+
+def exp64(x):
+    """2: exp in binary64."""
+    h, l = np.array([0x3FE62E42FEE00000, 0x3DEA39EF35793C76], np.uint64).view(F64)
+    return exp(x, F64, -708, 710, 6755399441055744, h, l, 13)
+
+
+# ------------------------------------------------------------------------------------------------- 3. The container
+
+class File:
+    """3: a file whose header sections have been checked."""
+
+    def __init__(self, data):
+        self.data = data
+        self.container()
+        for name, read in dict(GRID=self.grid, CODE=self.code, PART=self.part, PROB=self.prob, INDX=self.indx).items():
+            cursor = Cursor(name, self.section(name))
+            read(cursor)
+            cursor.end()
+
+    def container(self):
+        """3.1: preamble, section table, end marker."""
+        c = Cursor("preamble", self.data)
+        c.check(c.bytes(8) == b"\x8bCSB\r\n\x1a\n", "not a csbrdf file")
+        major = c.get("H", "major version")
+        c.check(major == 1, f"major version {major} is not known")
+        minor = c.get("H", "minor version")
+        draft = c.get("H", "draft")
+        c.check(draft == 1, f"draft {draft} of version {major}.{minor} is not known")
+        count = c.get("H", "number of sections", 1, 64)
+        c.check(c.get("Q", "length of the file") == len(self.data), f"the file has {len(self.data)} bytes")
+        c.get("I", "reserved field", 0, 0)
+        crc = c.get("I", "CRC")
+        table = c.bytes(20 * count)
+        c.check(zlib.crc32(self.data[:28] + table) == crc, "CRC of preamble and section table is wrong")
+        self.sections, begin = {}, 32 + 20 * count
+        t = Cursor("section table", table)
+        for _ in range(count):
+            name = t.bytes(4)
+            t.check(name.isascii() and name not in self.sections, f"identifier {name} twice or not ASCII")
+            flags = t.get("I", "flags", 0, 1)
+            known = name in (b"GRID", b"CODE", b"PART", b"PROB", b"INDX", b"META", b"RECS")
+            t.check(known or flags & 1, f"unknown section {name} is not skippable")
+            length = t.get("Q", "length of a section", 0, len(self.data) - begin)
+            self.sections[name] = (begin, length, t.get("I", "CRC"))
+            begin += length
+        t.check(begin == len(self.data) - 8, "the sections do not end 8 bytes before the end of the file")
+        t.check(self.data[begin:] == b"CSBRDF.\n", "no end marker")
+        t.check(b"RECS" in self.sections, "there is no section RECS")
+
+    def section(self, name):
+        """3.1: the bytes of a section, its CRC checked."""
+        if name.encode() not in self.sections:
+            raise Refused(f"section table: there is no section {name}")
+        begin, length, crc = self.sections[name.encode()]
+        data = self.data[begin:begin + length]
+        if zlib.crc32(data) != crc:
+            raise Refused(f"{name}, offset 0: CRC of the section is wrong")
+        return data
+
+    def grid(self, c):
+        """3.2 GRID."""
+        self.naxes = c.get("B", "number of axes", 1, 4)
+        self.axes = []  # (name, square mapping, bins, start, end)
+        for _ in range(self.naxes):
+            name, square = AXES[c.get("B", "name of an axis", 0, 8)], c.get("B", "mapping", 0, 1)
+            c.get("H", "reserved field", 0, 0)
+            bins = c.get("I", "number of bins", 1, 65536)
+            start = c.get("d", "start", -sys.float_info.max, sys.float_info.max)
+            end = c.get("d", "end", math.nextafter(start, math.inf), sys.float_info.max)
+            self.axes.append((name, square, bins, start, end))
+        self.axes = [("other", 0, 1, 0.0, 1.0)] * (4 - self.naxes) + self.axes
+        self.shape = tuple(axis[2] for axis in self.axes)
+        c.check(math.prod(self.shape) <= 1 << 34, "more than 2^34 positions")
+        self.channels = c.get("H", "number of channels", 1, 4096)
+        self.scale = []
+        for _ in range(self.channels):
+            self.scale.append(c.get("d", "scale", math.ulp(0.0), sys.float_info.max))
+            wavelength = c.get("d", "wavelength", 0.0, sys.float_info.max)
+            c.check(math.copysign(1.0, wavelength) > 0, "wavelength is -0")
+            name = c.bytes(c.get("B", "length of the name"))
+            try:
+                name.decode("utf-8")
+            except UnicodeDecodeError:
+                c.check(False, "the name of a channel is not UTF-8")
+
+    def code(self, c):
+        """3.3 CODE."""
+        self.dft = c.get("B", "basis", 0, 1)
+        c.get("B", "tone map", 1, 1)
+        c.get("B", "entropy coder", 1, 1)
+        matrix = c.get("B", "channel transform", 0, 1)
+        c.check(not matrix or self.channels <= 16, "a matrix of more than 16 channels")
+        self.shrink = [c.get("b", "shrink of magnitude 1"), c.get("b", "shrink of magnitudes 2 and above")]
+        horizon = c.get("B", "horizon", 0, 1)
+        c.get("B", "reserved field", 0, 0)
+        self.eps = c.get("d", "eps", 1e-300, 1e30)
+        threshold = c.get("d", "elevation of the horizon", -1.0, 1.0)
+        c.check(horizon or struct.pack("<d", threshold) == bytes(8), "an elevation, but no horizon")
+        named = {"theta_h", "theta_d", "phi_d"} <= {axis[0] for axis in self.axes}
+        self.threshold = threshold if horizon and named else None
+        c.get("Q", "seed")
+        c.get("I", "sampling ratio")
+        self.step = [F32(c.get("f", "step", F32(1e-12), F32(1e6))) for _ in range(self.channels)]
+        self.matrix = None
+        if matrix:
+            self.matrix = [[F32(c.get("f", "entry of the matrix", -F32(1.001), F32(1.001))) for _ in self.step]
+                           for _ in self.step]
+
+    def part(self, c):
+        """3.4 PART. Only the axes that GRID lists are stored; the ones in front have length 1."""
+        def shape(name, limits):
+            stored = [c.get("I", f"length of {name}", 1, limit) for limit in limits[4 - self.naxes:]]
+            return (1,) * (4 - self.naxes) + tuple(stored)
+
+        self.tile = shape("a tile", self.shape)
+        self.block_shapes = []
+        for _ in range(c.get("B", "number of block shapes less 1") + 1):
+            self.block_shapes.append(shape("a block", [min(n, 1024) for n in self.tile]))
+            size = math.prod(self.block_shapes[-1])
+            c.check(size <= 1 << 21 and size * self.channels <= 1 << 24, "a block is too large")
+        tiles = math.prod(-(-n // t) for n, t in zip(self.shape, self.tile))
+        self.tile_shape_numbers = c.bytes(tiles)
+        c.check(max(self.tile_shape_numbers) < len(self.block_shapes), "a tile's shape number is too large")
+
+    def prob(self, c):
+        """3.5 PROB."""
+        c.get("H", "number of contexts", CONTEXTS, CONTEXTS)
+        bits = int.from_bytes(c.bytes(-(-CONTEXTS // 8)), "little")
+        c.check(bits >> CONTEXTS == 0, "padding is not 0")
+        self.probabilities = [c.get("H", "probability", 1) if bits >> i & 1 else 32768 for i in range(CONTEXTS)]
+
+    def indx(self, c):
+        """3.6 INDX. The blocks are listed here as well: their number must be that of the partition."""
+        count = c.get("I", "number of blocks")
+        w, v = c.get("B", "bytes per record length", 1, 4), c.get("B", "bytes per mean", 1, 4)
+        c.get("H", "reserved field", 0, 0)
+        lengths = c.bytes(count * w)
+        self.blocks = list(itertools.islice(self.block(), count + 1))
+        c.check(len(self.blocks) == count, f"{count} blocks are not those of the partition")
+        lengths = [int.from_bytes(lengths[i:i + w], "little") for i in range(0, len(lengths), w)]
+        begin, length, _ = self.sections[b"RECS"]
+        c.check(sum(lengths) == length, "the lengths of the records do not add up to that of RECS")
+        self.records = list(zip(itertools.accumulate(lengths, initial=begin), lengths))
+        c.bytes(2 * count)  # codes of the errors: for information
+        means = c.bytes(count * self.channels * v)
+        means = [int.from_bytes(means[i:i + v], "little", signed=True) for i in range(0, len(means), v)]
+        c.check(all(abs(q) <= 1 << 24 for q in means), "a mean of more than 2^24")
+        self.means = [means[i:i + self.channels] for i in range(0, len(means), self.channels)]
+
+    # --------------------------------------------------------------------------------------------- 4. The pipeline
+
+    def block(self):
+        """4.2: all blocks in order of their numbers, as (first position, shape)."""
+        def cut(begin, lengths, piece):
+            """Pieces of the box of these lengths, last axis fastest, short at the far edges."""
+            for index in itertools.product(*(range(0, n, p) for n, p in zip(lengths, piece))):
+                yield (tuple(b + i for b, i in zip(begin, index)),
+                       tuple(min(p, n - i) for p, n, i in zip(piece, lengths, index)))
+
+        for number, (begin, lengths) in zip(self.tile_shape_numbers, cut((0,) * 4, self.shape, self.tile)):
+            yield from cut(begin, lengths, self.block_shapes[number])
+
+    def record(self, number):
+        """3.8, 4: one block: (log values [channel][axes] in f32, validity of the same shape)."""
+        begin, length = self.records[number]
+        data = self.data[begin:begin + length]
+        c = Cursor(f"RECS, record {number}", data)
+        c.check(length >= 5, "too short")
+        crc = zlib.crc32(struct.pack("<I", number) + data[:-4])
+        c.check(crc == int.from_bytes(data[-4:], "little"), "CRC is wrong")
+        validity_class = c.get("B", "class of validity", 0, 4)
+        coded = c.bytes(length - 5)
+        first, shape = self.blocks[number]
+        valid = np.zeros((self.channels,) + shape, np.uint8)
+        q = np.zeros((self.channels,) + shape, np.int64)
+        if validity_class == NONE:
+            c.check(not coded, "coded bytes in a block without valid entries")
+        else:
+            coder = RangeDecoder(coded, self.probabilities)
+            valid[:] = masks(coder, validity_class, self.channels, *self.horizon(first, shape))
+            before = None
+            for channel in range(self.channels):
+                before = coefficients(coder, channel, shape, before, c)
+                for place, value in before.values.items():
+                    q[(channel,) + place] = value
+            c.check(coder.pos >= len(coded), "not all coded bytes are used")
+        components = []
+        for t in range(self.channels):
+            s = dequantize(q[t], self.shrink, self.step[t])
+            s[0, 0, 0, 0] = F32(self.means[number][t]) * self.step[t]
+            components.append(synthesize_dft(s) if self.dft else synthesize_dct(s))
+        return self.inverse_channel_transform(components), valid
+
+    def inverse_channel_transform(self, x):
+        """4.1."""
+        if self.matrix is None:
+            return np.stack(x)
+        channels = []
+        for c in range(self.channels):
+            total = x[0] * self.matrix[0][c]
+            for t in range(1, self.channels):
+                total = total + x[t] * self.matrix[t][c]
+            channels.append(total)
+        return np.stack(channels)
+
+    def inverse_tone_map(self, log):
+        """4.1: (binary32 values, binary64 values)."""
+        return (np.maximum(exp32(log) - F32(self.eps), F32(0)),
+                np.maximum(exp64(log.astype(F64)) - F64(self.eps), F64(0)))
+
+    def angle(self, axis, u):
+        """3.2: the angles at coordinates u (f64) of an axis."""
+        _, square, n, start, end = self.axes[axis]
+        t = u / F64(n)
+        return F64(start) + (F64(end) - F64(start)) * (t * t if square else t)
+
+    def horizon(self, first, shape):
+        """4.8: predicted validity and bands of the bins of a block."""
+        if self.threshold is None:
+            return np.ones(shape, np.uint8), np.full(shape, 7)
+        sincos = {}
+        for axis in range(4):
+            centres = np.arange(first[axis], first[axis] + shape[axis]).astype(F64) + F64(0.5)
+            view = [-1 if i == axis else 1 for i in range(4)]
+            with np.errstate(all="ignore"):
+                pair = sin_cos(self.angle(axis, centres))
+            sincos.setdefault(self.axes[axis][0], [x.reshape(view) for x in pair])
+        (sin_h, cos_h), (sin_d, cos_d), (_, cos_p) = (sincos[name] for name in ("theta_h", "theta_d", "phi_d"))
+        if not all(np.isfinite(x).all() for pair in sincos.values() for x in pair):
+            raise Refused("GRID: angles are too large")
+        elevation = np.broadcast_to(cos_h * cos_d - (sin_h * sin_d) * np.abs(cos_p), shape)
+        d = elevation - F64(self.threshold)
+        x = d / F64(0.01)
+        band = np.where(d >= 0, np.floor(np.minimum(7.0, 4.0 + x)), np.minimum(3.0, np.floor(np.maximum(0.0, 4.0 + x))))
+        return (elevation >= self.threshold).astype(np.uint8), band.astype(int)
+
+    def table(self):
+        """4: the whole table: binary32 values, binary64 values / scale, validity, each [channel][axes...]."""
+        whole = (self.channels,) + self.shape
+        values, scaled, valid = np.empty(whole, F32), np.empty(whole, F64), np.empty(whole, np.uint8)
+        scale = np.array(self.scale, F64).reshape(-1, 1, 1, 1, 1)
+        for number, (first, shape) in enumerate(self.blocks):
+            here = (slice(None),) + tuple(slice(f, f + n) for f, n in zip(first, shape))
+            log, valid[here] = self.record(number)
+            values[here], wide = self.inverse_tone_map(log)
+            with np.errstate(over="ignore"):
+                scaled[here] = np.minimum(wide / scale, sys.float_info.max)
+        shape = (self.channels,) + self.shape[4 - self.naxes:]
+        return values.reshape(shape), scaled.reshape(shape), valid.reshape(shape)
+
+
+def cosines(p, n, w):
+    """4.4: cos_turn(p, 4n) * w rounded to f32."""
+    return (cos_turn(p, 4 * n) * w).astype(F32)
+
+
+def synthesize_dct(s):
+    """4.4 DCT-II."""
+    for axis in (3, 2, 1, 0):
+        n = s.shape[axis]
+        if n == 1:
+            continue
+        k, i = np.arange(n)[:, None], np.arange(n)[None, :]
+        T = cosines(k * (2 * i + 1), n, np.where(k == 0, math.sqrt(1 / n), math.sqrt(2 / n)))
+        lines = np.moveaxis(s, axis, 0)
+        out = np.empty_like(lines)
+        for i in range((n + 1) // 2):
+            parts = [np.zeros(lines.shape[1:], F32), np.zeros(lines.shape[1:], F32)]  # E, O
+            for k in range(n):
+                parts[k % 2] = parts[k % 2] + lines[k] * T[k, i]
+            out[n - 1 - i] = parts[0] - parts[1]
+            out[i] = parts[0] + parts[1]
+        s = np.moveaxis(out, 0, axis)
+    return s
+
+
+def synthesize_dft(s):
+    """4.4 DFT, steps 1 to 3."""
+    shape = s.shape
+
+    def index(f, n):
+        """Where frequency f (0 to n - 1, wrapped) is stored."""
+        return np.where(f == 0, 0, np.where(f <= n // 2, 2 * f - 1, 2 * (n - f)))
+
+    # 1. unpack
+    f = np.meshgrid(*(np.arange(n) for n in shape[:3]), np.arange(shape[3] // 2 + 1), indexing="ij")
+    own = np.ravel_multi_index([index(g, n) for g, n in zip(f, shape)], shape)
+    other = np.ravel_multi_index([index((n - g) % n, n) for g, n in zip(f, shape)], shape)
+    flat, half = np.ascontiguousarray(s).ravel(), F32(math.sqrt(0.5))
+    re = np.where(own == other, flat[own], flat[np.minimum(own, other)] * half)
+    im = flat[np.maximum(own, other)] * half
+    im = np.where(own == other, F32(0), np.where(own > other, -im, im))
+
+    def waves(n):
+        j = np.arange(n)[:, None] * np.arange(n)[None, :] % n
+        return cosines(4 * j, n, math.sqrt(1 / n)), cosines(4 * j + 3 * n, n, math.sqrt(1 / n))
+
+    # 2. the first three axes
+    for axis in (2, 1, 0):
+        n = shape[axis]
+        if n == 1:
+            continue
+        cos, sin = waves(n)
+        re, im = np.moveaxis(re, axis, 0), np.moveaxis(im, axis, 0)
+        new_re, new_im = np.zeros(re.shape, F32), np.zeros(re.shape, F32)
+        for i, f in itertools.product(range(n), range(n)):
+            new_re[i] = new_re[i] + (re[f] * cos[f, i] - im[f] * sin[f, i])
+            new_im[i] = new_im[i] + (re[f] * sin[f, i] + im[f] * cos[f, i])
+        re, im = np.moveaxis(new_re, 0, axis), np.moveaxis(new_im, 0, axis)
+    # 3. the last axis
+    n = shape[3]
+    cos, sin = waves(n)
+    out = np.zeros(shape, F32)
+    for i, f in itertools.product(range(n), range(n // 2 + 1)):
+        m = F32(1 if f == 0 or 2 * f == n else 2)
+        out[..., i] = out[..., i] + ((re[..., f] * m) * cos[f, i] - (im[..., f] * m) * sin[f, i])
+    return out
+
+
+def dequantize(q, shrink, step):
+    """4.5."""
+    magnitude = np.abs(q)
+    less = np.where(magnitude == 1, F32(shrink[0]) / F32(256), F32(shrink[1]) / F32(256))
+    value = (magnitude.astype(F32) - less) * step
+    return np.where(q == 0, F32(0), np.where(q < 0, -value, value))
+
+
+class Channel:
+    """4.6: what the next channel sees of this one: q, capped magnitudes and rows, each only where nonzero."""
+
+    def __init__(self):
+        self.values, self.m, self.rows = {}, Counter(), Counter()  # of places that are not there: 0
+
+
+def coefficients(coder, channel, shape, before, cursor):
+    """4.6, steps 1 to 4: the coefficients of one channel but the one at index 0."""
+    g, now = min(channel, 2), Channel()
+    if not coder.bit(ANY + g):  # 1
+        return now
+    extents = []  # 2
+    for axis, n in enumerate(shape):
+        b = (n - 1).bit_length()
+        node = 1
+        for _ in range(min(b, 4)):
+            node = 2 * node + coder.bit(EXTENT + (g * 4 + axis) * 16 + node)
+        value = (node - (1 << min(b, 4))) << (b - min(b, 4)) | coder.raw(b - min(b, 4))
+        cursor.check(value < n, f"channel {channel}: extent {value + 1} of axis {axis} is above {n}")
+        extents.append(value + 1)
+    m, rows = now.m, now.rows
+    for i, j, k in itertools.product(*map(range, extents[:3])):  # 3
+        near = rows[i, j, k - 1] + rows[i, j - 1, k]
+        around = rows[i, j - 1, k + 1] + rows[i - 1, j, k]
+        sister = before.rows[i, j, k] if channel else 2
+        if not coder.bit(ROW + ((g * 3 + near) * 3 + around) * 3 + sister):
+            continue
+        rows[i, j, k] = 1
+        for l in range(0 if i or j or k else 1, extents[3]):  # 4
+            total = (2 * (m[i, j, k, l - 1] + m[i, j, k - 1, l] + m[i, j - 1, k, l])
+                     + m[i, j, k, l - 2] + m[i, j, k - 1, l + 1] + m[i, j - 1, k, l + 1]
+                     + m[i, j - 1, k + 1, l] + m[i - 1, j, k, l])
+            sister = before.m[i, j, k, l] if channel else 0
+            place = min(3, 4 * (i + j + k + l) // sum(extents))
+            if coder.bit(SIGNIFICANT + ((g * 3 + min(sister, 2)) * 4 + place) * 12 + level(total)):
+                q = nonzero(coder, EXPONENT + (g * 8 + min(7, max(0, level(total + 3 * sister) - 3))) * 25, cursor)
+                now.values[i, j, k, l] = q
+                m[i, j, k, l] = min(255, abs(q))
+    return now
+
+
+def level(x):
+    """4.6, step 4."""
+    return LEVEL[x] if x < len(LEVEL) else 11
+
+
+def nonzero(coder, exponent, cursor):
+    """4.6, step 4: EXPONENT, MANTISSA, raw bits and sign of a nonzero coefficient."""
+    b = 0
+    while coder.bit(exponent + b):
+        b += 1
+        cursor.check(b <= 24, "an exponent of more than 24 ones")
+    u = min(b, 1)
+    if b >= 2:
+        u = 2 + coder.bit(MANTISSA + b)
+        u = u << (b - 2) | coder.raw(b - 2)
+    cursor.check(u < 1 << 24, "a coefficient of more than 2^24")
+    return -(u + 1) if coder.raw(1) else u + 1
+
+
+class RangeDecoder:
+    """4.7."""
+
+    def __init__(self, data, probabilities):
+        self.data, self.pos = data, 4
+        self.fast, self.slow = list(probabilities), list(probabilities)
+        self.range, self.code = (1 << 32) - 1, int.from_bytes(data[:4].ljust(4, b"\0"), "big")
+
+    def normalize(self):
+        while self.range < 1 << 24:
+            self.range *= 256
+            self.code = self.code * 256 + (self.data[self.pos] if self.pos < len(self.data) else 0)
+            self.pos += 1
+
+    def bit(self, context):
+        fast, slow = self.fast[context], self.slow[context]
+        bound = (self.range * max(1, (fast + slow) >> 1)) >> 16
+        one = self.code < bound
+        if one:
+            self.range = bound
+            self.fast[context], self.slow[context] = fast + ((65535 - fast) >> 4), slow + ((65535 - slow) >> 7)
+        else:
+            self.code -= bound
+            self.range -= bound
+            self.fast[context], self.slow[context] = fast - (fast >> 4), slow - (slow >> 7)
+        self.normalize()
+        return int(one)
+
+    def raw(self, count):
+        value = 0
+        for _ in range(count):
+            self.range >>= 1
+            one = self.code < self.range
+            if not one:
+                self.code -= self.range
+            self.normalize()
+            value = 2 * value + one
+        return value
+
+
+def masks(coder, validity_class, channels, predicted, band):
+    """4.8: validity, [channel][axes] or [axes]."""
+    if validity_class in (ALL, HORIZON):
+        return predicted if validity_class == HORIZON else np.ones_like(predicted)
+    coded, before = [], predicted
+    for _ in range(channels if validity_class == MASK_PER_CHANNEL else 1):
+        mask = np.zeros_like(predicted)
+        for i, j, k, l in np.ndindex(*predicted.shape):
+            left = mask[i, j, k, l - 1] if l else predicted[i, j, k, l]
+            above = mask[i, j, k - 1, l] if k else predicted[i, j, k, l]
+            context = MASKS + band[i, j, k, l] * 8 + 4 * int(left) + 2 * int(above) + int(before[i, j, k, l])
+            mask[i, j, k, l] = coder.bit(context)
+        coded.append(mask)
+        before = mask
+    return np.stack(coded) if validity_class == MASK_PER_CHANNEL else coded[0]
+
+
+# ---------------------------------------------------------------------------------------------------------- command
+
+def sums(file):
+    """The three CRC-32s of a file, in hexadecimal."""
+    for name in {b"META", b"RECS"} & set(file.sections):  # 3.1: the others have been checked
+        file.section(name.decode())
+    return [f"{zlib.crc32(a.astype(t).tobytes()):08x}" for a, t in zip(file.table(), ("<f4", "<f8", "u1"))]
+
+
+def print_block(file, number):
+    """Positions [channel, axes...] and values of a block."""
+    if not 0 <= number < len(file.blocks):
+        raise Refused(f"there is no block {number}, only {len(file.blocks)}")
+    log, valid = file.record(number)
+    values = file.inverse_tone_map(log)[0]
+    print("block {}: first position {}, shape {}".format(number, *file.blocks[number]))
+    for place in np.ndindex(*values.shape):
+        print(*place, f"{values[place]:.9g}", "valid" if valid[place] else "not valid")
+
+
+def main():
+    parser = argparse.ArgumentParser(description="Decode .csbrdf files.")
+    parser.add_argument("files", nargs="*", metavar="FILE")
+    parser.add_argument("--check", metavar="HASHES", help="compare the CRC-32s with this list")
+    parser.add_argument("-o", metavar="OUT.npy", help="write the binary32 values of one file")
+    parser.add_argument("--block", type=int, metavar="N", help="decode one block of one file, print its values")
+    args = parser.parse_args()
+    listed = {}
+    if args.check:
+        with open(args.check, encoding="utf-8") as f:
+            listed = {line.split()[0]: line.split()[1:] for line in f if line.strip() and line[0] != "#"}
+        args.files = args.files or [os.path.join(os.path.dirname(args.check), name) for name in listed]
+    single = args.o is not None or args.block is not None
+    if not args.files or single and len(args.files) != 1:
+        parser.error("one file is needed" if single else "no file")
+    bad = False
+    for path in args.files:
+        name = os.path.basename(path)
+        try:
+            with open(path, "rb") as f:
+                file = File(f.read())
+            if args.o is not None:
+                np.save(args.o, file.table()[0])
+            if args.block is not None:
+                print_block(file, args.block)
+            if not single or args.check:
+                found = sums(file)
+                same = not args.check or listed.get(name) == found
+                bad |= not same
+                print(name, *found, *(["ok" if same else "DIFFERS"] if args.check else []))
+        except (Refused, OSError) as error:
+            bad = True
+            print(f"{name}: {error}", file=sys.stderr)
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
