@@ -230,6 +230,23 @@ impl Partition {
     }
 }
 
+/// All positions of a shape, last axis fastest.
+pub(crate) fn positions(shape: [usize; 4]) -> impl Iterator<Item = [usize; 4]> {
+    let total: usize = shape.iter().product();
+    let mut at = [0; 4];
+    (0..total).map(move |_| {
+        let here = at;
+        for axis in (0..4).rev() {
+            at[axis] += 1;
+            if at[axis] < shape[axis] {
+                break;
+            }
+            at[axis] = 0;
+        }
+        here
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use crate::block::{Block, Partition};
+use crate::block::{Block, Partition, positions};
 use crate::entropy::{self, Walk};
 use crate::error::{Error, Result};
 use crate::format::directory::{self, Directory};
@@ -14,7 +14,7 @@ use crate::format::record::{Record, ValidityClass};
 use crate::format::{Limits, MAX_BLOCK_VALUES};
 use crate::fourier::{Extents, Synthesis};
 use crate::grid::Grid;
-use crate::horizon::{Horizon, positions};
+use crate::horizon::Horizon;
 use crate::mask::{self, MaskModel};
 use crate::quantize::{Quantizer, dequantize_mean};
 use crate::range::Decoder;

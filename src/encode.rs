@@ -63,6 +63,7 @@ pub struct Encoder {
     /// `None`: a tenth of the step.
     sigma: Option<f64>,
     iterations: usize,
+    weighting: f64,
     eps: f64,
     channels: Channels,
     metadata: Metadata,
@@ -135,6 +136,7 @@ impl Encoder {
             rounding: 0.4,
             sigma: None,
             iterations: 200,
+            weighting: 1.0,
             eps: 1e-3,
             channels: Channels::Opponent,
             metadata: Metadata::default(),
@@ -152,6 +154,7 @@ impl Encoder {
                 sampling: Sampling::from_ratio(0.05).expect("within the range"),
                 sigma: Some(1e-3),
                 iterations: 300,
+                weighting: 0.0,
                 channels: Channels::Separate,
                 ..base
             },
@@ -208,6 +211,15 @@ impl Encoder {
         Encoder { sigma: Some(sigma), ..self }
     }
 
+    /// Exponent p of the weights (1 + |k|)^p on the coefficients in the l1 norm, k in half periods a block; 0 is the
+    /// plain norm, at most 4.
+    ///
+    /// Measured when filling holes (9 x 9 x 36, step 0.1), kB / log rms at p = 0, 0.5, 1, 1.5: golden yellow 79.6 /
+    /// .00801, 76.7 / .00796, 75.3 / .00793, 74.2 / .00809; alum-bronze and chrome-steel within 0.3 %.
+    pub fn weighting(self, weighting: f64) -> Encoder {
+        Encoder { weighting, ..self }
+    }
+
     /// Most iterations of one l1 solve.
     pub fn iterations(self, iterations: usize) -> Encoder {
         Encoder { iterations, ..self }
@@ -233,6 +245,9 @@ impl Encoder {
         }
         if !(0.0..=0.5).contains(&self.rounding) {
             return bad(format!("rounding is {}, must be within 0 to 0.5", self.rounding));
+        }
+        if !(0.0..=4.0).contains(&self.weighting) {
+            return bad(format!("weighting is {}, must be within 0 to 4", self.weighting));
         }
         if self.sigma.is_some_and(|sigma| !(sigma.is_finite() && sigma >= 0.0)) {
             return bad("sigma must be finite and not negative".into());
@@ -323,6 +338,7 @@ impl Encoder {
             "quality": self.step_as_written(),
             "rounding": self.rounding,
             "sigma": self.sigma_rms(),
+            "weighting": self.weighting,
             "valid": report.valid,
             "sampled": report.sampled,
             "log_rms": report.log_rms,
@@ -401,7 +417,8 @@ impl Encoder {
         progress: &'a (dyn Fn(f64) + Sync),
     ) -> impl IndexedParallelIterator<Item = Result<Quantized>> + 'a {
         let sigma_rms = self.sigma_rms();
-        let recovery = Recovery { basis: self.basis, sampling: self.sampling, sigma_rms, iterations };
+        let (basis, sampling, weighting) = (self.basis, self.sampling, self.weighting);
+        let recovery = Recovery { basis, sampling, sigma_rms, iterations, weighting };
         let done = AtomicUsize::new(0);
         let count = partition.block_count();
         (0..count).into_par_iter().map_init(

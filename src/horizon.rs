@@ -16,7 +16,7 @@ pub(crate) struct Horizon {
     theta_h: Vec<(f64, f64)>,
     theta_d: Vec<(f64, f64)>,
     phi_d: Vec<f64>,
-    /// The same at the edge of each bin that gives the largest elevation.
+    /// The same where in each bin the elevation is largest.
     theta_h_edge: Vec<(f64, f64)>,
     theta_d_edge: Vec<(f64, f64)>,
     phi_d_edge: Vec<f64>,
@@ -31,16 +31,18 @@ impl Horizon {
             let axis = &grid.axes()[axis];
             (0..axis.len).map(|i| sin_cos(axis.angle(i as f64 + shift))).collect()
         };
-        let abs_cos = |shift: f64| -> Vec<f64> { sampled(p, shift).iter().map(|(_, cos)| cos.abs()).collect() };
+        let cos = |shift: f64| -> Vec<f64> { sampled(p, shift).iter().map(|(_, cos)| *cos).collect() };
+        // Within a bin the cosine is smallest at an edge, or zero where it changes sign.
+        let smallest = |(a, b): (f64, f64)| if a * b < 0.0 { 0.0 } else { a.abs().min(b.abs()) };
         let padding = 4 - grid.axes().len();
         Some(Horizon {
             axes: [h + padding, d + padding, p + padding],
             theta_h: sampled(h, 0.5),
             theta_d: sampled(d, 0.5),
-            phi_d: abs_cos(0.5),
+            phi_d: cos(0.5).iter().map(|c| c.abs()).collect(),
             theta_h_edge: sampled(h, 0.0),
             theta_d_edge: sampled(d, 0.0),
-            phi_d_edge: abs_cos(0.0).iter().zip(abs_cos(1.0)).map(|(a, b)| a.min(b)).collect(),
+            phi_d_edge: cos(0.0).into_iter().zip(cos(1.0)).map(smallest).collect(),
         })
     }
 
@@ -66,6 +68,7 @@ fn elevation((sin_h, cos_h): (f64, f64), (sin_d, cos_d): (f64, f64), abs_cos_p: 
 /// `valid` in grid order. Predicted valid: elevation >= threshold.
 #[cfg(feature = "encode")]
 pub(crate) fn fit_threshold(horizon: &Horizon, shape: [usize; 4], valid: &[bool]) -> (f64, usize) {
+    use crate::block::positions;
     const BINS: usize = 1 << 14;
     let elevations = || positions(shape).map(|p| horizon.elevation(p)).zip(valid.iter().copied());
     let bin = |e: f64| ((e + 1.0) / 2.0 * BINS as f64).clamp(0.0, (BINS - 1) as f64) as usize;
@@ -98,26 +101,10 @@ pub(crate) fn fit_threshold(horizon: &Horizon, shape: [usize; 4], valid: &[bool]
     (threshold, best)
 }
 
-/// All positions of a shape, last axis fastest.
-pub(crate) fn positions(shape: [usize; 4]) -> impl Iterator<Item = [usize; 4]> {
-    let total: usize = shape.iter().product();
-    let mut at = [0; 4];
-    (0..total).map(move |_| {
-        let here = at;
-        for axis in (0..4).rev() {
-            at[axis] += 1;
-            if at[axis] < shape[axis] {
-                break;
-            }
-            at[axis] = 0;
-        }
-        here
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::block::positions;
 
     #[test]
     fn impossible_share_of_the_merl_grid() {

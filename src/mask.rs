@@ -1,7 +1,7 @@
 //! Validity masks of blocks, predicted from the horizon (spec section 4.8).
 
-use crate::block::Block;
-use crate::horizon::{Horizon, positions};
+use crate::block::{Block, positions};
+use crate::horizon::Horizon;
 use crate::range::Coder;
 
 const BANDS: usize = 8;

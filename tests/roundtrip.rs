@@ -250,6 +250,8 @@ fn settings_out_of_range_are_refused() {
     refused(Encoder::new().eps(f64::INFINITY));
     refused(Encoder::new().rounding(0.7));
     refused(Encoder::new().sigma(-1.0));
+    refused(Encoder::new().weighting(-1.0));
+    refused(Encoder::new().weighting(f64::NAN));
     refused(Encoder::new().block_shape(&[]));
     refused(Encoder::new().block_shape(&[0, 5, 5]));
     refused(Encoder::new().block_shape(&[1, 1, 5, 5, 5]));

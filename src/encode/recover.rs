@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use crate::block::positions;
 use crate::fourier::forward::Transform;
 use crate::fourier::{Basis, partners};
 use crate::sample::{Sampling, sample_positions};
@@ -51,6 +52,27 @@ pub(super) struct Recovery {
     pub(super) sigma_rms: f64,
     /// Most iterations of one solve.
     pub(super) iterations: usize,
+    /// Exponent p of the weights (1 + |k|)^p on the coefficients; 0 is the plain norm.
+    pub(super) weighting: f64,
+}
+
+impl Recovery {
+    /// The norm to minimise over blocks of a shape.
+    fn norm(&self, shape: [usize; 4]) -> Norm {
+        // Half periods along a block: the index of a DCT, twice the frequency of a DFT.
+        let half_periods = |j: usize| match self.basis {
+            Basis::Dct => j as f64,
+            Basis::Dft => (2 * j.div_ceil(2)) as f64,
+        };
+        let weight = |k: [usize; 4]| {
+            let length = k.iter().map(|&j| half_periods(j).powi(2)).sum::<f64>().sqrt();
+            (1.0 + length).powf(self.weighting)
+        };
+        let weights: Option<Vec<f64>> = (self.weighting != 0.0).then(|| positions(shape).map(weight).collect());
+        let pairs = (self.basis == Basis::Dft).then(|| partners(shape));
+        let n = shape.iter().product();
+        Norm::new(n, weights.as_deref(), pairs.as_deref()).expect("weights of 1 and up, equal for partners")
+    }
 }
 
 /// Cost and outcome of the solves of a block.
@@ -84,14 +106,8 @@ impl Recoverer {
         cost: &mut Solves,
     ) -> usize {
         let recovery = self.recovery;
-        let (transform, norm) = self.plans.entry(shape).or_insert_with(|| {
-            let n = values.len();
-            let norm = match recovery.basis {
-                Basis::Dct => Norm::l1(n),
-                Basis::Dft => Norm::new(n, None, Some(&partners(shape))).expect("partners of this shape"),
-            };
-            (Transform::new(recovery.basis, shape), norm)
-        });
+        let (transform, norm) =
+            self.plans.entry(shape).or_insert_with(|| (Transform::new(recovery.basis, shape), recovery.norm(shape)));
         let positions = sample_positions(seed, recovery.sampling, valid);
         if positions.len() == values.len() {
             // All of an orthonormal transform's values are known: the coefficients follow without a solve.

@@ -96,6 +96,9 @@ pub struct EncodeArgs {
     /// Rms residual that the recovery may leave at the samples, log domain [default: the preset's]
     #[arg(long, value_parser = not_negative)]
     pub sigma: Option<f64>,
+    /// Exponent p of the weights (1 + |k|)^p on the coefficients in the recovery, 0 to 4 [default: the preset's]
+    #[arg(long, value_name = "P", value_parser = not_negative)]
+    pub weighting: Option<f64>,
     /// Colour channels alone, or red, green and blue together [default: the preset's]
     #[arg(long, value_enum)]
     pub channels: Option<ChannelsArg>,

@@ -133,6 +133,9 @@ fn encoder(args: &EncodeArgs) -> Encoder {
     if let Some(sigma) = args.sigma {
         encoder = encoder.sigma(sigma);
     }
+    if let Some(weighting) = args.weighting {
+        encoder = encoder.weighting(weighting);
+    }
     if let Some(channels) = args.channels {
         encoder = encoder.channels(match channels {
             ChannelsArg::Separate => Channels::Separate,
