@@ -64,6 +64,11 @@ impl<'a> ByteReader<'a> {
         Error::corrupt(self.section, self.offset(), what)
     }
 
+    /// An error of the section as a whole.
+    pub(crate) fn corrupt_section(&self, what: impl Into<String>) -> Error {
+        Error::corrupt(self.section, self.base, what)
+    }
+
     /// Fails unless all bytes were read.
     pub(crate) fn finish(self) -> Result<()> {
         match self.data.len() - self.at {

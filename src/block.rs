@@ -5,7 +5,7 @@
 //! everywhere. Blocks are numbered tile after tile, last axis fastest.
 
 use crate::error::{Error, Result};
-use crate::format::{MAX_BLOCK_AXIS, MAX_BLOCK_POSITIONS, MAX_BLOCKS};
+use crate::format::{MAX_AXIS_LEN, MAX_BLOCK_AXIS, MAX_BLOCK_POSITIONS, MAX_BLOCKS, MAX_POSITIONS, MAX_TABLE_ENTRIES};
 
 /// A box of grid positions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -104,6 +104,11 @@ impl Partition {
     ) -> Result<Partition> {
         let bad = |what: String| Err(Error::InvalidArgument(what));
         let within = |inner: [usize; 4], outer: [usize; 4]| (0..4).all(|i| (1..=outer[i]).contains(&inner[i]));
+        let positions = grid.iter().try_fold(1usize, |n, &len| n.checked_mul(len));
+        let bounded = positions.is_some_and(|n| n as u64 <= MAX_POSITIONS);
+        if !bounded || grid.iter().any(|&n| n == 0 || n > MAX_AXIS_LEN) {
+            return bad(format!("the grid {grid:?} is empty or beyond the format's limits"));
+        }
         if !within(tile, grid) {
             return bad(format!("tile {tile:?} does not fit the grid {grid:?}"));
         }
@@ -137,6 +142,10 @@ impl Partition {
                 return bad(format!("more than {MAX_BLOCKS} blocks"));
             }
             partition.first.push(blocks as u32);
+        }
+        let entries: usize = partition.axis_lengths().iter().map(|n| n * n).sum();
+        if entries > MAX_TABLE_ENTRIES {
+            return bad(format!("the squares of the block lengths add up to {entries}, above {MAX_TABLE_ENTRIES}"));
         }
         Ok(partition)
     }
@@ -315,6 +324,9 @@ mod tests {
         assert!(Partition::uniform(grid, [1, 0, 15, 15]).is_err());
         assert!(Partition::tiled(grid, [1, 91, 90, 180], vec![[1; 4]], vec![0]).is_err());
         assert!(Partition::tiled(grid, grid, vec![], vec![0]).is_err());
+        assert!(Partition::tiled([1 << 32, 1 << 32, 1, 1], [1; 4], vec![[1; 4]], vec![]).is_err());
+        let all_lengths: Vec<_> = (769..1025).map(|n| [1, 1, 1, n]).collect();
+        assert!(Partition::tiled([1, 1, 1, 1024], [1, 1, 1, 1024], all_lengths, vec![0]).is_err());
         assert!(Partition::tiled(grid, grid, vec![[1, 15, 15, 15]], vec![1]).is_err());
         assert!(Partition::tiled(grid, grid, vec![[1, 15, 15, 15]], vec![0, 0]).is_err());
         assert!(Partition::uniform([1, 4096, 4096, 4], [1; 4]).is_err());

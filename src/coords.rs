@@ -337,7 +337,7 @@ mod tests {
             let mirrored = half_diff(direction(ti, -pi), direction(to, -po)).unwrap();
             prop_assert!(turn_apart(mirrored.phi_d, -a.phi_d) < 1e-8);
             // On MERL's grid reciprocity leaves the position where it was.
-            let merl = Grid::merl(180);
+            let merl = Grid::merl();
             let u = grid_coordinates(&merl, direction(ti, pi), direction(to, po)).unwrap();
             let v = grid_coordinates(&merl, direction(to, po), direction(ti, pi)).unwrap();
             let apart = (u[3] - v[3]).abs();
@@ -385,7 +385,7 @@ mod tests {
 
     #[test]
     fn merl_nearest_is_the_index_of_the_reference_reader() {
-        let grid = Grid::merl(180);
+        let grid = Grid::merl();
         let (wi, wo) = (direction(0.6, 0.2), direction(0.9, 2.9));
         let r = reference(wi, wo);
         let phi_d = if r.phi_d < 0.0 { r.phi_d + PI } else { r.phi_d };

@@ -41,6 +41,7 @@ pub(crate) struct Header {
     pub(crate) partition: Partition,
     pub(crate) probabilities: Vec<u16>,
     synthesis: Synthesis,
+    horizon: OnceLock<Option<Horizon>>,
     mask: OnceLock<MaskModel>,
 }
 
@@ -86,20 +87,24 @@ pub struct BlockInfo {
     pub seed: u64,
     /// Sampling ratio, 0 to 1.
     pub ratio: f64,
-    /// Upper bound on the rms error over valid entries, log domain.
+    /// Upper bound on the rms error of the binary64 values over valid entries, log domain.
     pub rms: f32,
-    /// Upper bound on the largest error over valid entries, log domain.
+    /// Upper bound on the largest error of the binary64 values over valid entries, log domain.
     pub max: f32,
 }
 
 impl Header {
     pub(crate) fn new(grid: Grid, coding: Coding, partition: Partition, probabilities: Vec<u16>) -> Header {
         let synthesis = Synthesis::new(coding.basis, &partition.axis_lengths());
-        Header { grid, coding, partition, probabilities, synthesis, mask: OnceLock::new() }
+        Header { grid, coding, partition, probabilities, synthesis, horizon: OnceLock::new(), mask: OnceLock::new() }
     }
 
     pub(crate) fn mask_model(&self) -> &MaskModel {
-        self.mask.get_or_init(|| MaskModel::new(Horizon::new(&self.grid), self.coding.horizon))
+        self.mask.get_or_init(|| MaskModel::new(self.horizon().cloned(), self.coding.horizon))
+    }
+
+    fn horizon(&self) -> Option<&Horizon> {
+        self.horizon.get_or_init(|| Horizon::new(&self.grid)).as_ref()
     }
 
     /// Decodes a record's masks and coefficients into the scratch. Masks: `[channel][position]` or one for all.
@@ -220,6 +225,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
         let partition = header::read_partition(directory.open(bytes, directory::PARTITION)?, &grid)?;
         let limit = limits.block_values.min(MAX_BLOCK_VALUES);
         for shape in partition.shapes() {
+            // Within the format's limits: no overflow.
             let values = shape.iter().product::<usize>() * channels;
             if values > limit {
                 return Err(Error::LimitExceeded {
@@ -353,11 +359,11 @@ impl<D: AsRef<[u8]>> Reader<D> {
     pub fn block_origin(&self, block: usize) -> Result<Vec<Origin>> {
         let place = self.place(block)?;
         let valid = self.block_validity(block)?;
-        let horizon = Horizon::new(self.grid());
+        let horizon = self.header.horizon();
         let mut origins: Vec<Origin> = positions(place.shape)
             .map(|p| {
                 let at = std::array::from_fn(|a| place.origin[a] + p[a]);
-                if horizon.as_ref().is_some_and(|h| h.is_impossible(at)) { Origin::Impossible } else { Origin::Filled }
+                if horizon.is_some_and(|h| h.is_impossible(at)) { Origin::Impossible } else { Origin::Filled }
             })
             .collect();
         origins = origins.repeat(self.grid().channels().len());
@@ -465,13 +471,15 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
         convert: impl Fn(&Block, &Scratch) -> B + Sync + Send,
         mut store: impl FnMut(&[(Block, B)]),
     ) -> Result<()> {
-        const BATCH: usize = 64;
-        for first in (0..self.block_count()).step_by(BATCH) {
+        let channels = self.grid().channels().len();
+        let largest = self.partition().shapes().iter().map(|s| s.iter().product::<usize>() * channels).max();
+        let batch = ((1 << 22) / largest.unwrap_or(1)).clamp(4, 64);
+        for first in (0..self.block_count()).step_by(batch) {
             let decode = |scratch: &mut Scratch, block: usize| {
                 let place = self.decode_log(block, scratch)?;
                 Ok((place, convert(&place, scratch)))
             };
-            store(&map_blocks(first..(first + BATCH).min(self.block_count()), decode)?);
+            store(&map_blocks(first..(first + batch).min(self.block_count()), decode)?);
         }
         Ok(())
     }
@@ -492,18 +500,25 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
     }
 
     /// Checks every byte: all sections' checksums and, block by block, that each record decodes.
-    /// Returns what is damaged; nothing if the file is intact.
+    /// Returns what is damaged; nothing if the file is intact. A table above the caller's limit is not looked at:
+    /// that is the one error then.
     pub fn verify(&self) -> Vec<Error> {
+        if let Err(e) = self.check_table_size() {
+            return vec![e];
+        }
         let mut damage = Vec::new();
         for section in self.directory.sections() {
             let bytes = &self.data.as_ref()[section.range.clone()];
             if crc32fast::hash(bytes) != section.crc {
                 let what = format!("checksum of section {} is wrong", section.name());
-                damage.push(Error::corrupt("section", section.range.start as u64, what));
+                damage.push(Error::corrupt("file", section.range.start as u64, what));
+                continue;
+            }
+            #[cfg(feature = "metadata")]
+            if section.id == directory::METADATA.as_bytes() {
+                damage.extend(self.metadata().err());
             }
         }
-        #[cfg(feature = "metadata")]
-        damage.extend(self.metadata().err());
         let check = |scratch: &mut Scratch, block: usize| Ok(self.decode_log(block, scratch).err());
         match map_blocks(0..self.block_count(), check) {
             Ok(found) => damage.extend(found.into_iter().flatten()),

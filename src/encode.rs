@@ -15,7 +15,7 @@ use crate::channel::ChannelTransform;
 use crate::error::{Error, Result};
 use crate::format::header::Coding;
 use crate::format::metadata::Metadata;
-use crate::format::{EPS_RANGE, STEP_RANGE};
+use crate::format::{EPS_RANGE, STEP_RANGE, check_block};
 use crate::fourier::Basis;
 use crate::horizon::{Horizon, fit_threshold};
 use crate::quantize::{Quantizer, quantize_mean};
@@ -243,6 +243,9 @@ impl Encoder {
         if !EPS_RANGE.contains(&self.eps) {
             return bad(format!("eps is {}, must be within {EPS_RANGE:?}", self.eps));
         }
+        if self.sampling == (Sampling::Bernoulli { threshold: 0 }) {
+            return bad("a sampling ratio of zero leaves nothing to recover from".into());
+        }
         if !(0.0..=0.5).contains(&self.rounding) {
             return bad(format!("rounding is {}, must be within 0 to 0.5", self.rounding));
         }
@@ -255,7 +258,8 @@ impl Encoder {
         Ok(())
     }
 
-    /// Encodes a table. The same table, settings and seed give the same bytes, whatever the number of threads.
+    /// Encodes a table. The same table, settings and seed give the same bytes, whatever the number of threads. (On
+    /// another kind of machine the transforms may round differently; what a file decodes to is the same everywhere.)
     ///
     /// Missing entries are filled by the same recovery and stay marked as missing.
     ///
@@ -379,10 +383,16 @@ impl Encoder {
         progress: &(dyn Fn(f64) + Sync),
     ) -> Result<(Partition, f64)> {
         let grid = table.grid().shape();
+        let channels = table.grid().channels().len();
+        let fits = |partition: &Partition| partition.shapes().iter().try_for_each(|&s| check_block(s, channels));
+        let checked = |partition: Partition| match fits(&partition) {
+            Ok(()) => Ok((partition, 0.0)),
+            Err(what) => Err(Error::InvalidArgument(what)),
+        };
         match &self.blocks {
             Blocks::Cheapest => {}
-            Blocks::Shape(shape) => return Ok((uniform(grid, shape)?, 0.0)),
-            Blocks::Partition(partition) if partition.grid() == grid => return Ok((partition.clone(), 0.0)),
+            Blocks::Shape(shape) => return checked(uniform(grid, shape)?),
+            Blocks::Partition(partition) if partition.grid() == grid => return checked(partition.clone()),
             Blocks::Partition(partition) => {
                 let other = partition.grid();
                 return Err(Error::InvalidArgument(format!(
@@ -392,7 +402,13 @@ impl Encoder {
         }
         const TRIALS: f64 = 0.5;
         let candidates = shape::candidates(table.grid().axes().len());
-        let partitions = candidates.iter().map(|s| uniform(grid, s)).collect::<Result<Vec<_>>>()?;
+        let mut partitions = candidates.iter().map(|s| uniform(grid, s)).collect::<Result<Vec<_>>>()?;
+        partitions.retain(|partition| fits(partition).is_ok());
+        if partitions.is_empty() {
+            return Err(Error::InvalidArgument(format!(
+                "with {channels} channels no usual block shape is within the format's limits; give a smaller one"
+            )));
+        }
         let mut best = 0;
         let mut least = f64::INFINITY;
         for (i, partition) in partitions.iter().enumerate() {
@@ -533,7 +549,8 @@ fn fit_horizon(table: &BrdfTable) -> Option<f64> {
     let any: Vec<bool> = (0..n).map(|i| (0..table.grid().channels().len()).any(|c| table.valid_plane(c)[i])).collect();
     let invalid = any.iter().filter(|v| !**v).count();
     let (threshold, wrong) = fit_threshold(&horizon, table.grid().shape(), &any);
-    (wrong < invalid).then_some(threshold)
+    // Rounding can put an elevation just above 1.
+    (wrong < invalid && threshold.abs() <= 1.0).then_some(threshold)
 }
 
 #[cfg(test)]
@@ -544,7 +561,7 @@ mod tests {
     use crate::table::synth::Recipe;
 
     fn table() -> BrdfTable {
-        let merl = Grid::merl(180);
+        let merl = Grid::merl();
         let axes: Vec<Axis> = merl.axes().iter().zip([20, 20, 36]).map(|(&axis, len)| Axis { len, ..axis }).collect();
         Recipe::named("satin-paint").unwrap().synthesise(&Grid::new(axes, merl.channels().to_vec()).unwrap()).unwrap()
     }

@@ -6,8 +6,9 @@ use crate::coords::{Lookup, grid_coordinates, taps};
 use crate::decode::{Reader, Scratch};
 use crate::error::{Error, Result};
 
-/// Blocks kept unless the caller says otherwise: 64 of 6 x 10 x 60 x 3 values are 2.8 MB.
+/// Most blocks and values kept unless the caller says otherwise: 64 MB at most, 2.8 MB for 6 x 10 x 60 x 3.
 const DEFAULT_BLOCKS: usize = 64;
+const DEFAULT_VALUES: usize = 1 << 24;
 
 /// A decoded block.
 struct Cached {
@@ -26,7 +27,7 @@ pub struct Brdf<D> {
 }
 
 impl<D: AsRef<[u8]>> Brdf<D> {
-    /// An evaluator with trilinear lookup and a cache of 64 blocks.
+    /// An evaluator with linear lookup and a cache of 64 blocks, fewer if they are large.
     ///
     /// # Errors
     /// `InvalidArgument` if the axes of the file are not angles of directions.
@@ -36,7 +37,10 @@ impl<D: AsRef<[u8]>> Brdf<D> {
             let names: Vec<_> = reader.grid().axes().iter().map(|a| a.name.as_str()).collect();
             return Err(Error::InvalidArgument(format!("axes {names:?} do not say how directions map to the grid")));
         }
-        Ok(Brdf { reader, lookup: Lookup::Linear, cache: Vec::new() }.with_cache(DEFAULT_BLOCKS))
+        let channels = reader.grid().channels().len();
+        let largest = reader.partition().shapes().iter().map(|s| s.iter().product::<usize>() * channels).max();
+        let blocks = DEFAULT_BLOCKS.min(DEFAULT_VALUES / largest.unwrap_or(1));
+        Ok(Brdf { reader, lookup: Lookup::Linear, cache: Vec::new() }.with_cache(blocks))
     }
 
     /// The same with another lookup: nearest bin, or linear between bin centres.
@@ -44,9 +48,10 @@ impl<D: AsRef<[u8]>> Brdf<D> {
         Brdf { lookup, ..self }
     }
 
-    /// The same with a cache of `blocks` blocks, at least one.
+    /// The same with a cache of about `blocks` blocks, at least one.
     pub fn with_cache(self, blocks: usize) -> Brdf<D> {
-        let length = blocks.clamp(1, self.reader.block_count());
+        // An odd length keeps neighbours along the slower axes, often powers of two apart, from sharing a place.
+        let length = (blocks | 1).clamp(1, self.reader.block_count());
         Brdf { cache: (0..length).map(|_| Mutex::new(None)).collect(), ..self }
     }
 

@@ -25,7 +25,7 @@ pub const MAX_AXIS_LEN: usize = 1 << 16;
 /// Largest magnitude of an axis's start and end: within it the decoder's sines are accurate.
 pub const MAX_ANGLE: f64 = 1e6;
 /// Most grid positions of a table.
-pub const MAX_POSITIONS: usize = 1 << 34;
+pub const MAX_POSITIONS: u64 = 1 << 34;
 /// Most channels of a table.
 pub const MAX_CHANNELS: usize = 4096;
 /// Most bytes of a channel's name.
@@ -38,6 +38,10 @@ pub const MAX_BLOCK_POSITIONS: usize = 1 << 21;
 pub const MAX_BLOCK_AXIS: usize = 1 << 10;
 /// Most values (positions times channels) of one block.
 pub const MAX_BLOCK_VALUES: usize = 1 << 24;
+/// Most multiply-adds of a block's synthesis: its values times the sum of its axis lengths above 1.
+pub const MAX_BLOCK_WORK: u64 = 1 << 30;
+/// Largest sum of the squares of a file's different block lengths: bounds the memory of the decoder's tables.
+pub const MAX_TABLE_ENTRIES: usize = 1 << 22;
 /// Most bytes of the metadata after decompression.
 pub const MAX_METADATA: usize = 1 << 20;
 /// Most sections of a file.
@@ -51,9 +55,10 @@ pub const EPS_RANGE: std::ops::RangeInclusive<f64> = 1e-300..=1e30;
 /// Limits on what a reader allocates for a file; the caller can lower or raise them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Most values (positions times channels) that a whole-table decode may allocate.
+    /// Most values (positions times channels) of a table that is decoded or verified as a whole. A decode holds the
+    /// result (4 bytes a value, 9 with validity in double precision) and a batch of at most 2^22 values or 4 blocks.
     pub table_values: usize,
-    /// Most values of one block, at most [`MAX_BLOCK_VALUES`].
+    /// Most values of one block, at most [`MAX_BLOCK_VALUES`]; rebuilding it takes some 20 bytes a value.
     pub block_values: usize,
 }
 
@@ -62,4 +67,17 @@ impl Default for Limits {
     fn default() -> Self {
         Limits { table_values: 1 << 28, block_values: MAX_BLOCK_VALUES }
     }
+}
+
+/// Fails unless blocks of this shape are within the format's limits for `channels` channels.
+pub(crate) fn check_block(shape: [usize; 4], channels: usize) -> Result<(), String> {
+    let values = shape.iter().map(|&n| n as u64).product::<u64>() * channels as u64;
+    if values > MAX_BLOCK_VALUES as u64 {
+        return Err(format!("a block {shape:?} of {channels} channels has more than {MAX_BLOCK_VALUES} values"));
+    }
+    let lengths: u64 = shape.iter().filter(|&&n| n > 1).map(|&n| n as u64).sum();
+    if values * lengths > MAX_BLOCK_WORK {
+        return Err(format!("a block {shape:?} of {channels} channels takes more than {MAX_BLOCK_WORK} operations"));
+    }
+    Ok(())
 }

@@ -149,7 +149,7 @@ impl Grid {
             return bad(format!("two axes are named {}", axis.name.as_str()));
         }
         let positions = axes.iter().try_fold(1usize, |n, a| n.checked_mul(a.len)).unwrap_or(usize::MAX);
-        if positions > MAX_POSITIONS {
+        if positions == usize::MAX || positions as u64 > MAX_POSITIONS {
             return bad(format!("a grid of {positions} positions, at most {MAX_POSITIONS} are allowed"));
         }
         if channels.is_empty() || channels.len() > MAX_CHANNELS {
@@ -172,11 +172,19 @@ impl Grid {
         Ok(Grid { axes, channels })
     }
 
-    /// MERL's grid: theta_h (90, square), theta_d (90), phi_d (180 or 360), channels R, G, B.
-    pub fn merl(phi_d: usize) -> Grid {
-        use std::f64::consts::{FRAC_PI_2, PI};
+    /// MERL's grid: theta_h (90, square), theta_d (90), phi_d (180 over half a turn, by reciprocity), channels R, G, B.
+    pub fn merl() -> Grid {
+        Grid::merl_with(180, std::f64::consts::PI)
+    }
+
+    /// MERL's grid without reciprocity: phi_d of 360 bins over a whole turn.
+    pub fn merl_360() -> Grid {
+        Grid::merl_with(360, 2.0 * std::f64::consts::PI)
+    }
+
+    fn merl_with(phi_d: usize, phi_end: f64) -> Grid {
+        use std::f64::consts::FRAC_PI_2;
         let axis = |name, len, mapping, end| Axis { name, len, mapping, start: 0.0, end };
-        let phi_end = if phi_d == 360 { 2.0 * PI } else { PI };
         let axes = vec![
             axis(AxisName::ThetaH, 90, Mapping::Square, FRAC_PI_2),
             axis(AxisName::ThetaD, 90, Mapping::Linear, FRAC_PI_2),
@@ -230,7 +238,7 @@ mod tests {
 
     #[test]
     fn merl_angles_are_the_published_ones() {
-        let grid = Grid::merl(180);
+        let grid = Grid::merl();
         assert_eq!(grid.shape(), [1, 90, 90, 180]);
         let theta_h = grid.axes()[0];
         // The MERL reader maps theta_h to bin 90 * sqrt(theta_h / 90 deg).
@@ -243,7 +251,7 @@ mod tests {
 
     #[test]
     fn absurd_grids_are_refused() {
-        let axis = Grid::merl(180).axes()[0];
+        let axis = Grid::merl().axes()[0];
         let channels = Grid::rgb_channels([1.0; 3]);
         assert!(Grid::new(vec![], channels.clone()).is_err());
         assert!(Grid::new(vec![axis; 5], channels.clone()).is_err());

@@ -108,7 +108,7 @@ mod tests {
 
     #[test]
     fn impossible_share_of_the_merl_grid() {
-        let grid = Grid::merl(180);
+        let grid = Grid::merl();
         let horizon = Horizon::new(&grid).unwrap();
         let impossible = positions(grid.shape()).filter(|&p| horizon.is_impossible(p)).count();
         // 20.976 % of the published tables is missing, and 38,130 of their values lie in bins wholly below the
@@ -120,7 +120,7 @@ mod tests {
     #[cfg(feature = "encode")]
     #[test]
     fn threshold_is_found_among_random_holes() {
-        let grid = Grid::merl(180);
+        let grid = Grid::merl();
         let horizon = Horizon::new(&grid).unwrap();
         let mut random = crate::sample::SplitMix64(9);
         for (truth, holes) in [(-0.061, 0), (0.0, 0), (-0.061, 1000), (0.2, 100_000)] {

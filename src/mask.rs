@@ -73,7 +73,7 @@ mod tests {
         fn decoding_undoes_coding(flips in prop::collection::vec(any::<u16>(), 0..60), threshold in prop::option::of(-0.1f64..0.5)) {
             let block = Block { origin: [0, 60, 45, 30], shape: [1, 7, 8, 9] };
             let n = block.positions();
-            let model = MaskModel::new(Horizon::new(&Grid::merl(180)), threshold);
+            let model = MaskModel::new(Horizon::new(&Grid::merl()), threshold);
             let mut masks = [model.predict(&block), model.predict(&block)].concat();
             for flip in flips {
                 let at = usize::from(flip) % (2 * n);

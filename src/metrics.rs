@@ -198,7 +198,7 @@ mod tests {
     use crate::grid::Grid;
 
     fn table(scale: [f64; 3], values: Vec<f64>) -> BrdfTable {
-        let axis = crate::grid::Axis { len: values.len() / 3, ..Grid::merl(180).axes()[0] };
+        let axis = crate::grid::Axis { len: values.len() / 3, ..Grid::merl().axes()[0] };
         BrdfTable::from_values(Grid::new(vec![axis], Grid::rgb_channels(scale)).unwrap(), values).unwrap()
     }
 

@@ -276,7 +276,7 @@ mod tests {
 
     #[test]
     fn colours_come_from_names_or_wavelengths() {
-        let axes = Grid::merl(180).axes()[..1].to_vec();
+        let axes = Grid::merl().axes()[..1].to_vec();
         let channels = |names: &[&str], wavelengths: &[Option<f64>]| {
             let channel = |(n, w): (&&str, &Option<f64>)| crate::grid::Channel {
                 name: n.to_string(),

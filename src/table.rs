@@ -91,7 +91,7 @@ mod tests {
 
     #[test]
     fn nan_inf_and_negative_entries_are_missing() {
-        let mut grid = Grid::merl(180);
+        let mut grid = Grid::merl();
         grid = Grid::new(grid.axes()[..1].to_vec(), Grid::rgb_channels([1.0; 3])).unwrap();
         let mut values = vec![1.0; 270];
         values[..4].copy_from_slice(&[f64::NAN, f64::INFINITY, -1.0, -0.0]);

@@ -12,7 +12,7 @@ use std::sync::OnceLock;
 
 fn table() -> BrdfTable {
     let lens = [10, 12, 16];
-    let merl = Grid::merl(180);
+    let merl = Grid::merl();
     let axes: Vec<Axis> = merl.axes().iter().zip(lens).map(|(&axis, len)| Axis { len, ..axis }).collect();
     let grid = Grid::new(axes, merl.channels().to_vec()).unwrap();
     Recipe { holes: 0.03, ..Recipe::named("satin-paint").unwrap() }.synthesise(&grid).unwrap()

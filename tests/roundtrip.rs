@@ -241,6 +241,16 @@ fn channels_may_have_masks_of_their_own() {
 }
 
 #[test]
+fn blocks_beyond_the_limits_are_not_written() {
+    let grid = grid(&[4, 128, 64], 600);
+    let n = grid.positions() * 600;
+    let table = BrdfTable::from_values(grid, vec![0.5; n]).unwrap();
+    let refused = Encoder::new().block_shape(&[4, 128, 64]).encode(&table).unwrap_err();
+    assert!(refused.to_string().contains("600 channels"), "{refused}");
+    check(&table, &Encoder::new().block_shape(&[4, 8, 8]), 1e-3);
+}
+
+#[test]
 fn settings_out_of_range_are_refused() {
     let table = material([6, 6, 6], "matte");
     let refused = |encoder: Encoder| assert!(encoder.encode(&table).is_err());
@@ -250,6 +260,7 @@ fn settings_out_of_range_are_refused() {
     refused(Encoder::new().eps(f64::INFINITY));
     refused(Encoder::new().rounding(0.7));
     refused(Encoder::new().sigma(-1.0));
+    refused(Encoder::new().sampling(Sampling::Bernoulli { threshold: 0 }));
     refused(Encoder::new().weighting(-1.0));
     refused(Encoder::new().weighting(f64::NAN));
     refused(Encoder::new().block_shape(&[]));

@@ -33,7 +33,7 @@ fn main() -> Result<(), Failure> {
 
 /// MERL's axes with fewer bins.
 fn small(lens: [usize; 3]) -> Result<Grid, Failure> {
-    let merl = Grid::merl(180);
+    let merl = Grid::merl();
     let axes: Vec<Axis> = merl.axes().iter().zip(lens).map(|(&axis, len)| Axis { len, ..axis }).collect();
     Ok(Grid::new(axes, merl.channels().to_vec())?)
 }

@@ -4,7 +4,7 @@ use crate::bits::ByteReader;
 use crate::block::Partition;
 use crate::channel::{ChannelTransform, MAX_MATRIX_CHANNELS};
 use crate::error::{Error, Result};
-use crate::format::{EPS_RANGE, MAX_BLOCK_VALUES, MAX_CHANNELS, STEP_RANGE};
+use crate::format::{EPS_RANGE, MAX_CHANNELS, STEP_RANGE, check_block};
 use crate::fourier::Basis;
 use crate::grid::{Axis, AxisName, Channel, Grid, Mapping};
 use crate::sample::Sampling;
@@ -52,10 +52,9 @@ fn zero(reader: &ByteReader, value: u32) -> Result<()> {
     if value == 0 { Ok(()) } else { Err(reader.corrupt(format!("reserved field holds {value}, not 0"))) }
 }
 
-/// An argument error of a constructor, at this place in the file.
-fn here(reader: &ByteReader) -> impl Fn(Error) -> Error {
-    let place = reader.clone();
-    move |e| place.corrupt(e.to_string())
+/// An argument error of a constructor, which has seen the whole section: its start is the place.
+fn here<'a>(reader: &'a ByteReader) -> impl Fn(Error) -> Error + 'a {
+    |e| reader.corrupt_section(e.to_string())
 }
 
 pub(crate) fn read_grid(mut r: ByteReader) -> Result<Grid> {
@@ -187,9 +186,8 @@ pub(crate) fn read_partition(mut r: ByteReader, grid: &Grid) -> Result<Partition
     let tiles: usize = (0..4).map(|i| grid.shape()[i].div_ceil(tile[i])).product();
     let choice = r.bytes(tiles)?.to_vec();
     let partition = Partition::tiled(grid.shape(), tile, shapes, choice).map_err(here(&r))?;
-    let channels = grid.channels().len();
-    if let Some(large) = partition.shapes().iter().find(|s| s.iter().product::<usize>() * channels > MAX_BLOCK_VALUES) {
-        return Err(r.corrupt(format!("block {large:?} of {channels} channels is above {MAX_BLOCK_VALUES} values")));
+    for &shape in partition.shapes() {
+        check_block(shape, grid.channels().len()).map_err(|what| here(&r)(Error::InvalidArgument(what)))?;
     }
     r.finish()?;
     Ok(partition)
@@ -318,7 +316,7 @@ mod tests {
 
     #[test]
     fn grids_round_trip_and_reject_reserved_values() {
-        for grid in [Grid::merl(180), Grid::merl(360), spectral()] {
+        for grid in [Grid::merl(), Grid::merl_360(), spectral()] {
             let bytes = write_grid(&grid);
             assert_eq!(read_grid(reader(&bytes)).unwrap(), grid);
             for cut in 0..bytes.len() {
@@ -359,7 +357,7 @@ mod tests {
 
     #[test]
     fn partitions_and_probabilities_round_trip() {
-        let grid = Grid::merl(180);
+        let grid = Grid::merl();
         let tiled = Partition::tiled(grid.shape(), [1, 45, 90, 180], vec![[1, 15, 15, 15], [1, 9, 9, 36]], vec![1, 0]);
         for partition in [tiled.unwrap(), Partition::uniform(grid.shape(), [1, 15, 15, 15]).unwrap()] {
             let bytes = write_partition(&partition, 3);

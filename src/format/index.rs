@@ -60,7 +60,7 @@ impl Index {
         let rms = r.bytes(blocks * ERROR_CODE)?.to_vec();
         let max = r.bytes(blocks * ERROR_CODE)?.to_vec();
         // Quantised means, block after block.
-        let bytes = r.bytes(blocks * components * widths[1])?;
+        let bytes = r.bytes(blocks.saturating_mul(components).saturating_mul(widths[1]))?;
         let means: Vec<i32> = bytes.chunks_exact(widths[1]).map(|b| read_int(b, widths[1])).collect();
         if let Some(mean) = means.iter().find(|m| m.unsigned_abs() > MAX_MAGNITUDE) {
             return Err(r.corrupt(format!("mean {mean} is beyond {MAX_MAGNITUDE}")));

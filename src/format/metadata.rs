@@ -89,6 +89,9 @@ mod present {
                     limit: MAX_METADATA as u64,
                 });
             }
+            // Free keys may not take the place of known ones: what is written must be readable.
+            serde_json::from_slice::<Metadata>(&text)
+                .map_err(|e| Error::InvalidArgument(format!("metadata: a free key has a known key's name: {e}")))?;
             let mut bytes = (text.len() as u32).to_le_bytes().to_vec();
             bytes.extend(zstd::bulk::compress(&text, 19)?);
             Ok(bytes)
@@ -103,6 +106,9 @@ mod present {
         fn round_trip_keeps_free_keys() {
             let mut metadata = Metadata { name: Some("alum".into()), authors: vec!["A".into()], ..Default::default() };
             metadata.other.insert("lab".into(), Value::from(3));
+            let mut doubled = metadata.clone();
+            doubled.other.insert("authors".into(), Value::from("B"));
+            assert!(doubled.write().is_err());
             let bytes = metadata.write().unwrap();
             assert_eq!(Metadata::read(ByteReader::new(&bytes, 0, "META")).unwrap(), metadata);
         }

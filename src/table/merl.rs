@@ -31,7 +31,7 @@ pub fn read_merl(data: &[u8]) -> Result<BrdfTable> {
             return Err(Error::corrupt(NAME, 4 * axis as u64, what));
         }
     }
-    let grid = Grid::merl(dims[2] as usize);
+    let grid = if dims[2] == 360 { Grid::merl_360() } else { Grid::merl() };
     let entries = grid.positions() * 3;
     let expected = (HEADER + 8 * entries) as u64;
     if (data.len() as u64) < expected {
@@ -52,7 +52,7 @@ pub fn read_merl(data: &[u8]) -> Result<BrdfTable> {
 /// `InvalidArgument` if the table is not on MERL's grid; `Io` if the writer fails.
 pub fn write_merl(table: &BrdfTable, fill: bool, mut out: impl Write) -> Result<()> {
     let grid = table.grid();
-    let merl = [180, 360].map(Grid::merl);
+    let merl = [Grid::merl(), Grid::merl_360()];
     if merl.iter().all(|m| m.axes() != grid.axes()) || grid.channels().len() != 3 {
         return Err(Error::InvalidArgument(
             "the table is not on MERL's grid (theta_h 90, theta_d 90, phi_d 180 or 360, RGB); write it as .npy".into(),

@@ -74,7 +74,7 @@ impl Recipe {
     /// # Errors
     /// Those of [`Recipe::synthesise`].
     pub fn merl(&self) -> Result<BrdfTable> {
-        self.synthesise(&Grid::merl(180))
+        self.synthesise(&Grid::merl())
     }
 
     /// The table on `grid`, whose axes are any of theta_h, phi_h, theta_d, phi_d.
@@ -391,7 +391,7 @@ mod tests {
 
     #[test]
     fn noise_has_the_stated_sigma() {
-        let grid = Grid::merl(180);
+        let grid = Grid::merl();
         let clean = pearl().synthesise(&grid).unwrap();
         let noisy = Recipe { noise: 0.02, ..pearl() }.synthesise(&grid).unwrap();
         let logs = clean.values().iter().zip(noisy.values()).filter(|(a, _)| **a > 0.0).map(|(a, b)| (b / a).ln());
@@ -401,7 +401,7 @@ mod tests {
 
     #[test]
     fn holes_have_the_stated_share_in_all_channels_alike() {
-        let grid = Grid::merl(180);
+        let grid = Grid::merl();
         let whole = pearl().synthesise(&grid).unwrap().valid_count() as f64;
         for holes in [0.0, 0.003, 0.05, 0.5, 1.0] {
             let table = Recipe { holes, ..pearl() }.synthesise(&grid).unwrap();

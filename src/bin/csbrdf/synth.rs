@@ -21,7 +21,7 @@ pub fn run(args: &SynthArgs) -> Outcome {
     let output = args.output.clone().unwrap_or_else(|| PathBuf::from(format!("{name}.binary")));
     let target = Target::of(&output);
     target.check(args.force)?;
-    let grid = Grid::merl(if args.phi_d == "360" { 360 } else { 180 });
+    let grid = if args.phi_d == "360" { Grid::merl_360() } else { Grid::merl() };
     let table = recipe.synthesise(&grid).map_err(|e| Failure::in_arguments(&e))?;
     target.write(args.force, |out| write_merl(&table, false, out))
 }
