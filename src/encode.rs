@@ -1,5 +1,6 @@
 //! The encoder: table in, bytes of a file out (spec section 6).
 
+mod blocks;
 mod pack;
 mod recover;
 mod shape;
@@ -21,7 +22,7 @@ use crate::horizon::{Horizon, fit_threshold};
 use crate::quantize::{Quantizer, quantize_mean};
 use crate::sample::{Sampling, block_seed};
 use crate::table::BrdfTable;
-use crate::tone::tone_map;
+use blocks::{Quantized, fill_empty_means, gather_log, shrink};
 use recover::{Recoverer, Recovery, Solves};
 
 /// Named sets of settings.
@@ -101,21 +102,6 @@ pub struct Report {
     pub missed_sigma: usize,
     /// Wall seconds of the whole encode.
     pub seconds: f64,
-}
-
-/// A block after quantisation.
-struct Quantized {
-    shape: [usize; 4],
-    /// `[component][position]`, the first of each plane zero.
-    coefficients: Vec<i32>,
-    /// One a component; `None` where the component has no sample.
-    means: Vec<Option<i32>>,
-    /// Sums over magnitudes 1, and 2 and above: how far below the integer the coefficient was, in steps; counts.
-    shortfall: [(f64, u64); 2],
-    /// Of the quantiser, in the coefficient domain, holes included.
-    squared_error: f64,
-    sampled: usize,
-    cost: Solves,
 }
 
 impl Default for Encoder {
@@ -498,50 +484,6 @@ fn uniform(grid: [usize; 4], shape: &[usize]) -> Result<Partition> {
     Partition::uniform(grid, padded)
 }
 
-/// Log values and validity of a block, `[channel][position]`; zero where not valid.
-fn gather_log(table: &BrdfTable, block: &Block, eps: f64) -> (Vec<f64>, Vec<bool>) {
-    let grid = table.grid();
-    let n = block.positions();
-    let mut values = vec![0.0; n * grid.channels().len()];
-    let mut valid = vec![false; values.len()];
-    for (c, channel) in grid.channels().iter().enumerate() {
-        let values = &mut values[c * n..(c + 1) * n];
-        let valid = &mut valid[c * n..(c + 1) * n];
-        block.gather(grid.shape(), table.plane(c), values);
-        block.gather(grid.shape(), table.valid_plane(c), valid);
-        for (value, &valid) in values.iter_mut().zip(valid.iter()) {
-            // Source values up to f64::MAX times a scale above 1 may overflow: the log stays finite all the same.
-            *value = if valid { tone_map((*value * channel.scale).min(f64::MAX), eps) } else { 0.0 };
-        }
-    }
-    (values, valid)
-}
-
-/// Gives blocks without a sample the mean value of the block before, or of the first that has one: a guess near the
-/// blocks around, for lookups that interpolate across the edge of what was measured.
-fn fill_empty_means(blocks: &mut [Quantized], components: usize) {
-    for c in 0..components {
-        let root = |block: &Quantized| (block.shape.iter().product::<usize>() as f64).sqrt();
-        let first = blocks.iter().find_map(|b| b.means[c].map(|mean| f64::from(mean) / root(b)));
-        let mut last = first.unwrap_or(0.0);
-        for block in blocks.iter_mut() {
-            let root = root(block);
-            match block.means[c] {
-                Some(mean) => last = f64::from(mean) / root,
-                None => block.means[c] = quantize_mean(1.0, last * root),
-            }
-        }
-    }
-}
-
-/// Mean shortfall of the coefficients below their integers, in 1/256 of a step: where the decoder rebuilds them.
-fn shrink(blocks: &[Quantized]) -> [i8; 2] {
-    [0, 1].map(|i| {
-        let (sum, count) = blocks.iter().fold((0.0, 0), |(s, n), b| (s + b.shortfall[i].0, n + b.shortfall[i].1));
-        if count == 0 { 0 } else { (256.0 * sum / count as f64).round().clamp(-128.0, 127.0) as i8 }
-    })
-}
-
 /// Elevation of the table's horizon, if the grid has one and predicting from it is better than not.
 fn fit_horizon(table: &BrdfTable) -> Option<f64> {
     let horizon = Horizon::new(table.grid())?;
@@ -580,22 +522,5 @@ mod tests {
         let comparison = crate::metrics::compare(&table, &reader.decode_table().unwrap()).unwrap();
         assert!(comparison.overall.log_rms < 0.03, "{comparison:?}");
         assert_eq!(comparison.only_in_reference + comparison.only_in_other, 0);
-    }
-
-    #[test]
-    fn blocks_without_samples_take_the_mean_of_a_neighbour() {
-        let block = |n: usize, mean| Quantized {
-            shape: [1, 1, 1, n],
-            coefficients: Vec::new(),
-            means: vec![mean],
-            shortfall: [(0.0, 0); 2],
-            squared_error: 0.0,
-            sampled: 0,
-            cost: Solves::default(),
-        };
-        let mut blocks = vec![block(4, None), block(16, Some(40)), block(4, None), block(4, Some(-2)), block(4, None)];
-        fill_empty_means(&mut blocks, 1);
-        let means: Vec<_> = blocks.iter().map(|b| b.means[0].unwrap()).collect();
-        assert_eq!(means, [20, 40, 20, -2, -2]);
     }
 }

@@ -239,6 +239,8 @@ class File:
             self.block_shapes.append(shape("a block", [min(n, 1024) for n in self.tile]))
             size = math.prod(self.block_shapes[-1])
             c.check(size <= 1 << 21 and size * self.channels <= 1 << 24, "a block is too large")
+            work = size * self.channels * sum(n for n in self.block_shapes[-1] if n > 1)
+            c.check(work <= 1 << 30, "a block takes too long")
         tiles = math.prod(-(-n // t) for n, t in zip(self.shape, self.tile))
         self.tile_shape_numbers = c.bytes(tiles)
         c.check(max(self.tile_shape_numbers) < len(self.block_shapes), "a tile's shape number is too large")
@@ -258,6 +260,8 @@ class File:
         lengths = c.bytes(count * w)
         self.blocks = list(itertools.islice(self.block(), count + 1))
         c.check(len(self.blocks) == count, f"{count} blocks are not those of the partition")
+        lengths_of_blocks = {n for _, shape in self.blocks for n in shape}
+        c.check(sum(n * n for n in lengths_of_blocks) <= 1 << 22, "too many different lengths of blocks")
         lengths = [int.from_bytes(lengths[i:i + w], "little") for i in range(0, len(lengths), w)]
         begin, length, _ = self.sections[b"RECS"]
         c.check(sum(lengths) == length, "the lengths of the records do not add up to that of RECS")

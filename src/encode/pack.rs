@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::{Quantized, gather_log};
+use super::blocks::{Quantized, gather_log};
 use crate::block::{Block, Partition};
 use crate::decode::{CONTEXTS, Header, Scratch};
 use crate::entropy::{self, Walk};

@@ -8,7 +8,7 @@
 
 use rayon::prelude::*;
 
-use super::Quantized;
+use super::blocks::Quantized;
 use crate::block::Partition;
 use crate::decode::CONTEXTS;
 use crate::entropy::Walk;

@@ -1,0 +1,88 @@
+//! Blocks between the table and the quantiser: their log values on the way in, their integers on the way out.
+
+use super::recover::Solves;
+use crate::block::Block;
+use crate::quantize::quantize_mean;
+use crate::table::BrdfTable;
+use crate::tone::tone_map;
+
+/// A block after quantisation.
+pub(super) struct Quantized {
+    pub(super) shape: [usize; 4],
+    /// `[component][position]`, the first of each plane zero.
+    pub(super) coefficients: Vec<i32>,
+    /// One a component; `None` where the component has no sample.
+    pub(super) means: Vec<Option<i32>>,
+    /// Sums over magnitudes 1, and 2 and above: how far below the integer the coefficient was, in steps; counts.
+    pub(super) shortfall: [(f64, u64); 2],
+    /// Of the quantiser, in the coefficient domain, holes included.
+    pub(super) squared_error: f64,
+    pub(super) sampled: usize,
+    pub(super) cost: Solves,
+}
+
+/// Log values and validity of a block, `[channel][position]`; zero where not valid.
+pub(super) fn gather_log(table: &BrdfTable, block: &Block, eps: f64) -> (Vec<f64>, Vec<bool>) {
+    let grid = table.grid();
+    let n = block.positions();
+    let mut values = vec![0.0; n * grid.channels().len()];
+    let mut valid = vec![false; values.len()];
+    for (c, channel) in grid.channels().iter().enumerate() {
+        let values = &mut values[c * n..(c + 1) * n];
+        let valid = &mut valid[c * n..(c + 1) * n];
+        block.gather(grid.shape(), table.plane(c), values);
+        block.gather(grid.shape(), table.valid_plane(c), valid);
+        for (value, &valid) in values.iter_mut().zip(valid.iter()) {
+            // Source values up to f64::MAX times a scale above 1 may overflow: the log stays finite all the same.
+            *value = if valid { tone_map((*value * channel.scale).min(f64::MAX), eps) } else { 0.0 };
+        }
+    }
+    (values, valid)
+}
+
+/// Gives blocks without a sample the mean value of the block before, or of the first that has one: a guess near the
+/// blocks around, for lookups that interpolate across the edge of what was measured.
+pub(super) fn fill_empty_means(blocks: &mut [Quantized], components: usize) {
+    for c in 0..components {
+        let root = |block: &Quantized| (block.shape.iter().product::<usize>() as f64).sqrt();
+        let first = blocks.iter().find_map(|b| b.means[c].map(|mean| f64::from(mean) / root(b)));
+        let mut last = first.unwrap_or(0.0);
+        for block in blocks.iter_mut() {
+            let root = root(block);
+            match block.means[c] {
+                Some(mean) => last = f64::from(mean) / root,
+                None => block.means[c] = quantize_mean(1.0, last * root),
+            }
+        }
+    }
+}
+
+/// Mean shortfall of the coefficients below their integers, in 1/256 of a step: where the decoder rebuilds them.
+pub(super) fn shrink(blocks: &[Quantized]) -> [i8; 2] {
+    [0, 1].map(|i| {
+        let (sum, count) = blocks.iter().fold((0.0, 0), |(s, n), b| (s + b.shortfall[i].0, n + b.shortfall[i].1));
+        if count == 0 { 0 } else { (256.0 * sum / count as f64).round().clamp(-128.0, 127.0) as i8 }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blocks_without_samples_take_the_mean_of_a_neighbour() {
+        let block = |n: usize, mean| Quantized {
+            shape: [1, 1, 1, n],
+            coefficients: Vec::new(),
+            means: vec![mean],
+            shortfall: [(0.0, 0); 2],
+            squared_error: 0.0,
+            sampled: 0,
+            cost: Solves::default(),
+        };
+        let mut blocks = vec![block(4, None), block(16, Some(40)), block(4, None), block(4, Some(-2)), block(4, None)];
+        fill_empty_means(&mut blocks, 1);
+        let means: Vec<_> = blocks.iter().map(|b| b.means[0].unwrap()).collect();
+        assert_eq!(means, [20, 40, 20, -2, -2]);
+    }
+}
