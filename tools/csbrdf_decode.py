@@ -241,6 +241,11 @@ class File:
             c.check(size <= 1 << 21 and size * self.channels <= 1 << 24, "a block is too large")
             work = size * self.channels * sum(n for n in self.block_shapes[-1] if n > 1)
             c.check(work <= 1 << 30, "a block takes too long")
+        found = set()
+        for axis, (n, tile) in enumerate(zip(self.shape, self.tile)):
+            for t, s in itertools.product((tile, n % tile), (shape[axis] for shape in self.block_shapes)):
+                found |= {min(s, t), t % s}
+        c.check(sum(n * n for n in found) <= 1 << 22, "too many different lengths of blocks")
         tiles = math.prod(-(-n // t) for n, t in zip(self.shape, self.tile))
         self.tile_shape_numbers = c.bytes(tiles)
         c.check(max(self.tile_shape_numbers) < len(self.block_shapes), "a tile's shape number is too large")
@@ -260,8 +265,6 @@ class File:
         lengths = c.bytes(count * w)
         self.blocks = list(itertools.islice(self.block(), count + 1))
         c.check(len(self.blocks) == count, f"{count} blocks are not those of the partition")
-        lengths_of_blocks = {n for _, shape in self.blocks for n in shape}
-        c.check(sum(n * n for n in lengths_of_blocks) <= 1 << 22, "too many different lengths of blocks")
         lengths = [int.from_bytes(lengths[i:i + w], "little") for i in range(0, len(lengths), w)]
         begin, length, _ = self.sections[b"RECS"]
         c.check(sum(lengths) == length, "the lengths of the records do not add up to that of RECS")
