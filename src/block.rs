@@ -72,7 +72,7 @@ fn linear(at: [usize; 4], shape: [usize; 4]) -> usize {
 }
 
 /// Coordinate of an index, the inverse of [`linear`].
-fn unravel(mut index: usize, shape: [usize; 4]) -> [usize; 4] {
+pub(crate) fn unravel(mut index: usize, shape: [usize; 4]) -> [usize; 4] {
     let mut at = [0; 4];
     for axis in (0..4).rev() {
         at[axis] = index % shape[axis];
@@ -183,6 +183,11 @@ impl Partition {
     /// Number of blocks.
     pub fn block_count(&self) -> usize {
         self.first[self.first.len() - 1] as usize
+    }
+
+    /// Most positions of a block.
+    pub fn largest_block(&self) -> usize {
+        self.shapes.iter().map(|shape| shape.iter().product()).max().unwrap_or(1)
     }
 
     /// Number of blocks along each axis, if one tile covers the grid.

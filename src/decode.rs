@@ -224,16 +224,10 @@ impl<D: AsRef<[u8]>> Reader<D> {
         let coding = header::read_coding(directory.open(bytes, directory::CODING)?, channels)?;
         let partition = header::read_partition(directory.open(bytes, directory::PARTITION)?, &grid)?;
         let limit = limits.block_values.min(MAX_BLOCK_VALUES);
-        for shape in partition.shapes() {
-            // Within the format's limits: no overflow.
-            let values = shape.iter().product::<usize>() * channels;
-            if values > limit {
-                return Err(Error::LimitExceeded {
-                    what: "values of a block",
-                    got: values as u64,
-                    limit: limit as u64,
-                });
-            }
+        // Within the format's limits: no overflow.
+        let values = partition.largest_block() * channels;
+        if values > limit {
+            return Err(Error::LimitExceeded { what: "values of a block", got: values as u64, limit: limit as u64 });
         }
         let probabilities = header::read_probabilities(directory.open(bytes, directory::PROBABILITIES)?, CONTEXTS)?;
         let records = directory.require(directory::RECORDS)?;
@@ -471,9 +465,8 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
         convert: impl Fn(&Block, &Scratch) -> B + Sync + Send,
         mut store: impl FnMut(&[(Block, B)]),
     ) -> Result<()> {
-        let channels = self.grid().channels().len();
-        let largest = self.partition().shapes().iter().map(|s| s.iter().product::<usize>() * channels).max();
-        let batch = ((1 << 22) / largest.unwrap_or(1)).clamp(4, 64);
+        let largest = self.partition().largest_block() * self.grid().channels().len();
+        let batch = ((1 << 22) / largest).clamp(4, 64);
         for first in (0..self.block_count()).step_by(batch) {
             let decode = |scratch: &mut Scratch, block: usize| {
                 let place = self.decode_log(block, scratch)?;

@@ -2,6 +2,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
+use crate::block::unravel;
 use crate::coords::{Lookup, grid_coordinates, taps};
 use crate::decode::{Reader, Scratch};
 use crate::error::{Error, Result};
@@ -37,9 +38,8 @@ impl<D: AsRef<[u8]>> Brdf<D> {
             let names: Vec<_> = reader.grid().axes().iter().map(|a| a.name.as_str()).collect();
             return Err(Error::InvalidArgument(format!("axes {names:?} do not say how directions map to the grid")));
         }
-        let channels = reader.grid().channels().len();
-        let largest = reader.partition().shapes().iter().map(|s| s.iter().product::<usize>() * channels).max();
-        let blocks = DEFAULT_BLOCKS.min(DEFAULT_VALUES / largest.unwrap_or(1));
+        let largest = reader.partition().largest_block() * reader.grid().channels().len();
+        let blocks = DEFAULT_BLOCKS.min(DEFAULT_VALUES / largest);
         Ok(Brdf { reader, lookup: Lookup::Linear, cache: Vec::new() }.with_cache(blocks))
     }
 
@@ -86,13 +86,7 @@ impl<D: AsRef<[u8]>> Brdf<D> {
         let shape = grid.shape();
         let mut held: Option<Arc<Cached>> = None;
         for &(position, weight) in taps(grid, coordinates, self.lookup).as_slice() {
-            let position = [
-                position / (shape[1] * shape[2] * shape[3]),
-                position / (shape[2] * shape[3]) % shape[1],
-                position / shape[3] % shape[2],
-                position % shape[3],
-            ];
-            let Some((block, index)) = self.reader.partition().locate(position) else { continue };
+            let Some((block, index)) = self.reader.partition().locate(unravel(position, shape)) else { continue };
             let cached = match held.take() {
                 Some(cached) if cached.block == block => cached,
                 _ => self.block(block)?,

@@ -254,6 +254,15 @@ mod tests {
         write_file(&[(GRID, false, vec![1, 2, 3]), ("XTRA", true, vec![]), (INDEX, false, vec![4])])
     }
 
+    /// The layout of spec section 3.1 byte for byte; the sums are those of Python's zlib.
+    #[test]
+    fn bytes_are_those_of_the_specification() {
+        let hex: String = write_file(&[(GRID, false, vec![1, 2, 3])]).iter().map(|b| format!("{b:02x}")).collect();
+        let preamble = "8b4353420d0a1a0a01000000010001003f000000000000000000000054dcddc7";
+        let table = "475249440000000003000000000000001d80bc55";
+        assert_eq!(hex, [preamble, table, "010203", "4353425244462e0a"].concat());
+    }
+
     #[test]
     fn sections_are_found_and_checked() {
         let data = sample();

@@ -139,6 +139,14 @@ mod tests {
         Section { id: *b"RECS", skippable: false, range, crc: 0 }
     }
 
+    /// Spec section 3.6 byte for byte.
+    #[test]
+    fn bytes_are_those_of_the_specification() {
+        let bytes = write_index(&[300, 7], &[(1, 2), (3, 4)], &[-400, 5]);
+        let header = [2, 0, 0, 0, 2, 2, 0, 0];
+        assert_eq!(bytes, [&header[..], &[44, 1, 7, 0], &[1, 3], &[2, 4], &[0x70, 0xFE, 5, 0]].concat());
+    }
+
     #[test]
     fn round_trip_and_contradictions() {
         let bytes = write_index(&[300, 0, 7], &[(1, 2), (3, 4), (255, 0)], &[-40000, 1, 2, 3, 4, 5]);

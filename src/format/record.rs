@@ -88,6 +88,13 @@ impl<'a> Record<'a> {
 mod tests {
     use super::*;
 
+    /// Spec section 3.8 byte for byte; the sum is that of Python's zlib.
+    #[test]
+    fn bytes_are_those_of_the_specification() {
+        let bytes = Record { class: ValidityClass::Mask, coded: &[0xAA, 0xBB] }.write(7);
+        assert_eq!(bytes, [0x03, 0xAA, 0xBB, 0xCE, 0x61, 0xD6, 0x52]);
+    }
+
     #[test]
     fn round_trip_and_damage() {
         for class in ValidityClass::ALL {
