@@ -1,8 +1,9 @@
 //! Analysis and synthesis in double precision for the encoder and its solver.
 //!
-//! The decoder fixes every rounding; the encoder need not, so it takes the fastest way. DCT axes up to
-//! 64 are dense products over side-by-side lines (they vectorise; a 15-point FFT-based DCT has more
-//! overhead than arithmetic), longer ones and all DFTs go through rustdct and rustfft.
+//! The decoder fixes every rounding; the encoder need not, so it takes the fastest way. DCT axes up to 16 are dense
+//! products over side-by-side lines, which vectorise; longer ones and all DFTs go through rustdct and rustfft.
+//! Measured, seconds of an encode: 15 x 15 x 15 blocks, dense 9.3, rustdct 10.3; 6 x 10 x 60 blocks, all dense 4.0,
+//! all rustdct 2.6, dense up to 16 1.3.
 
 use std::sync::Arc;
 
@@ -14,7 +15,7 @@ use super::Basis;
 use super::dft::half_spectrum_map;
 
 /// Longest axis transformed by a dense product.
-const DENSE_MAX: usize = 64;
+const DENSE_MAX: usize = 16;
 
 /// Analysis and synthesis of blocks of one shape; holds its own scratch, so one a thread.
 pub struct Transform {
