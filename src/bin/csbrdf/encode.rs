@@ -19,6 +19,7 @@ use crate::failure::{Failure, Outcome, note};
 use crate::input::{self, is_dash, label};
 use crate::output::Target;
 use crate::text::{clean, error_figure, grouped};
+use crate::{plan, samples};
 
 /// No progress bar for less work than this.
 const PATIENCE: Duration = Duration::from_millis(700);
@@ -33,14 +34,15 @@ struct Done {
 }
 
 pub fn run(args: &EncodeArgs, quiet: bool) -> Outcome {
-    let targets = targets(args)?;
+    let inputs = args.samples.as_ref().map_or(&args.inputs[..], std::slice::from_ref);
+    let targets = targets(args, inputs)?;
     let encoder = encoder(args);
     let metadata = metadata(&args.meta)?;
     if let Some(folder) = &args.out_dir {
         std::fs::create_dir_all(folder).map_err(|e| Failure::io(folder, &e))?;
     }
-    if let ([input], [target]) = (&args.inputs[..], &targets[..]) {
-        let done = encode(input, target, &encoder, &metadata, args.force, quiet)?;
+    if let ([input], [target]) = (inputs, &targets[..]) {
+        let done = encode(input, target, &encoder, &metadata, args, quiet)?;
         if !quiet {
             note(&format!(
                 "{} -> {target}: {} bytes, {:.1}:1, log rms {}, max {}, {:.2} s",
@@ -56,8 +58,8 @@ pub fn run(args: &EncodeArgs, quiet: bool) -> Outcome {
     }
     let mut results = Vec::new();
     let mut first_failure = None;
-    for (input, target) in args.inputs.iter().zip(&targets) {
-        let result = encode(input, target, &encoder, &metadata, args.force, quiet);
+    for (input, target) in inputs.iter().zip(&targets) {
+        let result = encode(input, target, &encoder, &metadata, args, quiet);
         if let Err(failure) = &result {
             failure.report();
         }
@@ -70,18 +72,18 @@ pub fn run(args: &EncodeArgs, quiet: bool) -> Outcome {
 }
 
 /// Where each input's file goes.
-fn targets(args: &EncodeArgs) -> Result<Vec<Target>, Failure> {
+fn targets(args: &EncodeArgs, inputs: &[PathBuf]) -> Result<Vec<Target>, Failure> {
     if let Some(output) = &args.output {
-        if args.inputs.len() > 1 {
+        if inputs.len() > 1 {
             return Err(Failure::usage("-o names one output for several inputs; use --out-dir DIR"));
         }
         return Ok(vec![Target::of(output)]);
     }
     let mut taken: HashMap<PathBuf, &Path> = HashMap::new();
     let mut targets = Vec::new();
-    for input in &args.inputs {
+    for input in inputs {
         if is_dash(input) {
-            if args.inputs.len() > 1 {
+            if inputs.len() > 1 {
                 return Err(Failure::usage("standard input cannot be one of several inputs"));
             }
             if args.out_dir.is_some() {
@@ -112,6 +114,9 @@ fn encoder(args: &EncodeArgs) -> Encoder {
         PresetArg::Archive => Preset::Archive,
         PresetArg::Paper => Preset::Paper,
     });
+    if args.samples.is_some() {
+        encoder = encoder.sampling(Sampling::Every);
+    }
     if let Some(step) = args.quality {
         encoder = encoder.quality(step);
     }
@@ -189,16 +194,21 @@ fn encode(
     target: &Target,
     encoder: &Encoder,
     metadata: &Metadata,
-    force: bool,
+    args: &EncodeArgs,
     quiet: bool,
 ) -> Result<Done, Failure> {
     let start = Instant::now();
     let source = input::read(input)?;
     let bytes = source.as_ref();
-    let size = bytes.len();
-    input::expect_merl(input, bytes)?;
-    target.check(force)?;
-    let table = read_merl(bytes).map_err(|e| Failure::in_file(input, &e))?;
+    target.check(args.force)?;
+    let table = if args.samples.is_some() {
+        samples::table(input, bytes, args.grid.as_deref().map(plan::merl), quiet)?
+    } else {
+        input::expect_merl(input, bytes)?;
+        read_merl(bytes).map_err(|e| Failure::in_file(input, &e))?
+    };
+    // Of the table as MERL writes it, also where a list of measurements came in.
+    let size = 12 + 8 * table.values().len();
     if table.valid_count() == 0 {
         let what = "no entry is valid: all are negative, NaN or infinite; there is nothing to encode";
         return Err(Failure::bad_input(input, what));
@@ -221,7 +231,7 @@ fn encode(
     bar.get().inspect(|bar| bar.finish_and_clear());
     let encoded = encoded.map_err(|e| Failure::in_file(input, &e))?;
     drop(table);
-    target.write(force, |out| Ok(out.write_all(&encoded.bytes)?))?;
+    target.write(args.force, |out| Ok(out.write_all(&encoded.bytes)?))?;
     Ok(Done {
         bytes: encoded.bytes.len(),
         ratio: size as f64 / encoded.bytes.len() as f64,
