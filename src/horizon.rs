@@ -158,8 +158,9 @@ mod tests {
         let grid = Grid::merl();
         let horizon = Horizon::new(&grid).unwrap();
         let mut random = crate::sample::SplitMix64(5);
-        let valid: Vec<bool> =
-            positions(grid.shape()).map(|p| random.next_u64() % 100 == 0 && horizon.elevation(p) >= 0.0).collect();
+        let valid: Vec<bool> = positions(grid.shape())
+            .map(|p| random.next_u64().is_multiple_of(100) && horizon.elevation(p) >= 0.0)
+            .collect();
         let threshold = lowest_elevation(&horizon, grid.shape(), &valid).unwrap();
         assert!((0.0..0.005).contains(&threshold), "{threshold}");
         assert_eq!(lowest_elevation(&horizon, grid.shape(), &vec![false; valid.len()]), None);

@@ -280,7 +280,7 @@ mod tests {
             let grid = small();
             let valid: Option<Vec<bool>> = holes.map(|holes| {
                 let mut random = crate::sample::SplitMix64(holes);
-                (0..grid.positions()).map(|_| random.next_u64() % 3 > 0).collect()
+                (0..grid.positions()).map(|_| !random.next_u64().is_multiple_of(3)).collect()
             });
             let plan = Plan::draw(&grid, Sampling::from_ratio(ratio).unwrap(), seed, shape, valid.as_deref()).unwrap();
             check(&plan);

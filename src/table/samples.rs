@@ -10,7 +10,7 @@
 //! | `theta_i_deg` `phi_i_deg` `theta_o_deg` `phi_o_deg` | the same as elevation from the normal and azimuth, degrees |
 //! | `r` `g` `b` | measured values, 1/sr |
 //!
-//! A plan has all but the last three. A list to read needs these and at least one other line of the table, complete;
+//! A plan has all but the last three. A list to read needs these and at least one other line of the table above, complete;
 //! where it has several, they must agree on the bin. Columns may be in any order and of either case, others are
 //! ignored.
 
@@ -295,19 +295,21 @@ impl Row<'_> {
         let mut agree = |at: usize, from: &'static str| match found.replace((at, from)) {
             Some((other, name)) if other != at => {
                 let (one, two) = (self.bin_text(other), self.bin_text(at));
-                Err(self.bad(format!("{name}... say bin {one}, {from}... bin {two}; correct one, or leave one out")))
+                Err(self.bad(format!(
+                    "{name} and on say bin {one}, {from} and on bin {two}; correct one, or leave one out"
+                )))
             }
             _ => Ok(()),
         };
         if let Some(at) = self.columns.bins {
-            agree(self.from_bins(at)?, BINS[0])?;
+            agree(self.bin_of_numbers(at)?, BINS[0])?;
         }
         if let Some(at) = self.columns.half_diff {
-            agree(self.from_half_diff(at)?, HALF_DIFF[0])?;
+            agree(self.bin_of_half_diff(at)?, HALF_DIFF[0])?;
         }
         if let Some(at) = self.columns.vectors {
             let [a, b, c, d, e, f] = self.numbers(at, VECTORS, [-1e100, 1e100])?;
-            agree(self.from_directions([a, b, c], [d, e, f], "wi and wo")?, VECTORS[0])?;
+            agree(self.bin_of_directions([a, b, c], [d, e, f], "wi and wo")?, VECTORS[0])?;
         }
         if let Some(at) = self.columns.instrument {
             let [ti, pi, to, po] = self.numbers(at, INSTRUMENT, [-720.0, 720.0])?;
@@ -316,7 +318,7 @@ impl Row<'_> {
                     self.number(at[i], INSTRUMENT[i], 0.0, 90.0)?;
                 }
             }
-            agree(self.from_directions(direction(ti, pi), direction(to, po), "the angles")?, INSTRUMENT[0])?;
+            agree(self.bin_of_directions(direction(ti, pi), direction(to, po), "the angles")?, INSTRUMENT[0])?;
         }
         Ok(found.expect("one group is there").0)
     }
@@ -326,7 +328,7 @@ impl Row<'_> {
         format!("({}, {}, {})", at / p / d, at / p % d, at % p)
     }
 
-    fn from_bins(&self, at: [usize; 3]) -> Result<usize> {
+    fn bin_of_numbers(&self, at: [usize; 3]) -> Result<usize> {
         let mut index = 0;
         for i in 0..3 {
             let len = self.grid.axes()[i].len;
@@ -339,7 +341,7 @@ impl Row<'_> {
         Ok(index)
     }
 
-    fn from_half_diff(&self, at: [usize; 3]) -> Result<usize> {
+    fn bin_of_half_diff(&self, at: [usize; 3]) -> Result<usize> {
         let mut coordinates = [0.5; 4];
         for (i, axis) in self.grid.axes().iter().enumerate() {
             let azimuth = axis.name == AxisName::PhiD;
@@ -351,7 +353,7 @@ impl Row<'_> {
         Ok(taps(self.grid, coordinates, Lookup::Nearest).as_slice()[0].0)
     }
 
-    fn from_directions(&self, wi: [f64; 3], wo: [f64; 3], name: &str) -> Result<usize> {
+    fn bin_of_directions(&self, wi: [f64; 3], wo: [f64; 3], name: &str) -> Result<usize> {
         match grid_coordinates(self.grid, wi, wo) {
             Some(coordinates) => Ok(taps(self.grid, coordinates, Lookup::Nearest).as_slice()[0].0),
             None => {
