@@ -17,7 +17,7 @@ struct Run {
 
 fn run_with(args: &[&str], input: Stdio) -> Run {
     let output = Command::new(env!("CARGO_BIN_EXE_csbrdf")).args(args).stdin(input).output().unwrap();
-    let text = |bytes| String::from_utf8_lossy(&Vec::from(bytes)).into_owned();
+    let text = |bytes: Vec<u8>| String::from_utf8_lossy(&bytes).into_owned();
     let run = Run { code: output.status.code().unwrap(), stdout: text(output.stdout), stderr: text(output.stderr) };
     assert!(!run.stderr.contains("panicked"), "{}", run.stderr);
     run
@@ -64,7 +64,7 @@ fn from_a_plan_to_a_file_that_is_near_the_whole_table() {
     let (table, list, file) = (at("matte.binary"), at("list.csv"), at("list.csbrdf"));
     done(&["synth", "matte", "-o", &table]);
     let plan = done(&["plan", "--sampling", "2%", "--seed", "9", "--fill", &table, "-o", &list]);
-    assert!(plan.stderr.contains("bins to measure, 2.0 % of 1,112,344"), "{}", plan.stderr);
+    assert!(plan.stderr.contains("bins to measure, 2.3 % of 1,112,344"), "{}", plan.stderr);
     let encode = done(&[&["encode", "--samples", &list], &FAST[..]].concat());
     assert!(encode.stderr.contains("0 rows without a measurement, 0 repeated"), "{}", encode.stderr);
 
@@ -110,7 +110,7 @@ fn a_plan_is_text_that_says_how_it_was_drawn() {
         assert!(lines[0].contains(part), "{part} {}", lines[0]);
     }
     assert!(lines[2].starts_with("theta_h_bin,theta_d_bin,phi_d_bin,theta_h_deg,") && plan.stderr.is_empty());
-    assert!((2000..2500).contains(&rows), "{rows}");
+    assert!((2400..2800).contains(&rows), "{rows}");
     // The same again; another with another seed; never over a file that is there.
     let list = path(folder.path(), "list.csv");
     let args = ["plan", "--ratio", "0.1%", "--block", "9,9,36", "--grid", "360", "-q", "-o", &list, "--seed"];

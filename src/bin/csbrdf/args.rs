@@ -74,7 +74,7 @@ pub struct EncodeArgs {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["sampling", "seed"])]
     pub samples: Option<PathBuf>,
     /// Bins of phi_d of the list: 180, or 360 without reciprocity [default: as the list's first line says, else 180]
-    #[arg(long, value_name = "BINS", value_parser = ["180", "360"], requires = "samples")]
+    #[arg(long, value_name = "BINS", value_parser = ["180", "360"], conflicts_with = "inputs")]
     pub grid: Option<String>,
     /// Output file, - for standard output; if not given, the input's name with .csbrdf, beside it
     #[arg(short, long, value_name = "OUT", conflicts_with = "out_dir")]
