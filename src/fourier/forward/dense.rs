@@ -35,7 +35,7 @@ struct Part {
 
 /// A square matrix by groups of up to [`ROWS`] rows: `[group][column][row of the group]`.
 struct Matrix {
-    groups: Vec<Range<usize>>,
+    groups: Vec<usize>,
     entries: Vec<f64>,
 }
 
@@ -45,6 +45,11 @@ pub(super) struct Place {
     pub(super) stride: usize,
     pub(super) at: usize,
 }
+
+/// Entries of a line, side by side; aligned to the lines of the cache.
+#[derive(Clone, Copy)]
+#[repr(align(64))]
+pub(super) struct Lanes<const W: usize>(pub(super) [f64; W]);
 
 impl Place {
     #[inline(always)]
@@ -112,17 +117,17 @@ impl Dense {
 
     /// First half of an analysis: folds lines.
     #[inline(always)]
-    pub(super) fn fold<const W: usize>(&self, lines: &[f64], place: Place, folded: &mut [[f64; W]]) {
+    pub(super) fn fold<const W: usize>(&self, lines: &[f64], place: Place, folded: &mut [Lanes<W>]) {
         let folded = &mut folded[..self.n];
         for &i in &self.alone {
-            folded[i] = *place.get(lines, i);
+            folded[i].0 = *place.get(lines, i);
         }
         for &[i, j] in &self.first {
             let (a, b) = (place.get(lines, i), place.get(lines, j));
-            (folded[i], folded[j]) = sum_and_difference(a, b);
+            (folded[i].0, folded[j].0) = sum_and_difference(a, b);
         }
         for &[i, j] in &self.more {
-            (folded[i], folded[j]) = sum_and_difference(&folded[i], &folded[j]);
+            (folded[i].0, folded[j].0) = sum_and_difference(&folded[i].0, &folded[j].0);
         }
     }
 
@@ -130,14 +135,18 @@ impl Dense {
     #[inline(always)]
     pub(super) fn coefficients<const W: usize, const FUSED: bool>(
         &self,
-        folded: &[[f64; W]],
+        folded: &[Lanes<W>],
         lines: &mut [f64],
         place: Place,
     ) {
         for part in &self.parts {
             let folded = &folded[part.folded.clone()];
-            let rows = &part.coefficients[..];
-            part.analysis.product::<W, FUSED>(|i| &folded[i], |k, sum| place.set(lines, rows[k], sum));
+            let mut rows = part.coefficients.iter();
+            part.analysis.product::<W, FUSED>(folded.iter().map(|f| &f.0), |sum| {
+                if let Some(&row) = rows.next() {
+                    place.set(lines, row, sum);
+                }
+            });
         }
     }
 
@@ -147,29 +156,33 @@ impl Dense {
         &self,
         lines: &[f64],
         place: Place,
-        folded: &mut [[f64; W]],
+        folded: &mut [Lanes<W>],
     ) {
         for part in &self.parts {
-            let folded = &mut folded[part.folded.clone()];
-            let rows = &part.coefficients[..];
-            part.synthesis.product::<W, FUSED>(|k| place.get(lines, rows[k]), |i, sum| folded[i] = sum);
+            let mut folded = folded[part.folded.clone()].iter_mut();
+            let rows = part.coefficients.iter().map(|&row| place.get(lines, row));
+            part.synthesis.product::<W, FUSED>(rows, |sum| {
+                if let Some(folded) = folded.next() {
+                    folded.0 = sum;
+                }
+            });
         }
     }
 
     /// Second half of a synthesis: a fold is its own adjoint.
     #[inline(always)]
-    pub(super) fn unfold<const W: usize>(&self, folded: &mut [[f64; W]], lines: &mut [f64], place: Place) {
+    pub(super) fn unfold<const W: usize>(&self, folded: &mut [Lanes<W>], lines: &mut [f64], place: Place) {
         let folded = &mut folded[..self.n];
         for &[i, j] in self.more.iter().rev() {
-            (folded[i], folded[j]) = sum_and_difference(&folded[i], &folded[j]);
+            (folded[i].0, folded[j].0) = sum_and_difference(&folded[i].0, &folded[j].0);
         }
         for &[i, j] in &self.first {
-            let (a, b) = sum_and_difference(&folded[i], &folded[j]);
+            let (a, b) = sum_and_difference(&folded[i].0, &folded[j].0);
             place.set(lines, i, a);
             place.set(lines, j, b);
         }
         for &i in &self.alone {
-            place.set(lines, i, folded[i]);
+            place.set(lines, i, folded[i].0);
         }
     }
 }
@@ -194,28 +207,30 @@ impl Matrix {
             .iter()
             .flat_map(|rows| (0..m).flat_map(move |column| rows.clone().map(move |row| entry(row, column))))
             .collect();
+        let groups = groups.iter().map(|g| g.len()).collect();
         Matrix { groups, entries }
     }
 
+    /// Products with the values of a line a column; sums in the order of rows.
     #[inline(always)]
     fn product<'a, const W: usize, const FUSED: bool>(
         &self,
-        load: impl Fn(usize) -> &'a [f64; W],
-        mut store: impl FnMut(usize, [f64; W]),
+        values: impl ExactSizeIterator<Item = &'a [f64; W]> + Clone,
+        mut store: impl FnMut([f64; W]),
     ) {
         let mut rest = &self.entries[..];
-        let m = self.groups.last().map_or(0, |g| g.end);
-        for rows in &self.groups {
+        for &rows in &self.groups {
             let entries;
-            (entries, rest) = rest.split_at(rows.len() * m);
-            let store = |r: usize, sum| store(rows.start + r, sum);
-            match rows.len() {
-                1 => group::<1, W, FUSED>(entries, &load, store),
-                2 => group::<2, W, FUSED>(entries, &load, store),
-                3 => group::<3, W, FUSED>(entries, &load, store),
-                4 => group::<4, W, FUSED>(entries, &load, store),
-                5 => group::<5, W, FUSED>(entries, &load, store),
-                _ => group::<6, W, FUSED>(entries, &load, store),
+            (entries, rest) = rest.split_at(rows * values.len());
+            match rows {
+                1 => group::<1, W, FUSED>(entries, values.clone(), &mut store),
+                2 => group::<2, W, FUSED>(entries, values.clone(), &mut store),
+                3 => group::<3, W, FUSED>(entries, values.clone(), &mut store),
+                4 => group::<4, W, FUSED>(entries, values.clone(), &mut store),
+                5 => group::<5, W, FUSED>(entries, values.clone(), &mut store),
+                6 => group::<6, W, FUSED>(entries, values.clone(), &mut store),
+                7 => group::<7, W, FUSED>(entries, values.clone(), &mut store),
+                _ => group::<8, W, FUSED>(entries, values.clone(), &mut store),
             }
         }
     }
@@ -224,25 +239,24 @@ impl Matrix {
 #[inline(always)]
 fn group<'a, const R: usize, const W: usize, const FUSED: bool>(
     entries: &[f64],
-    load: impl Fn(usize) -> &'a [f64; W],
-    mut store: impl FnMut(usize, [f64; W]),
+    values: impl Iterator<Item = &'a [f64; W]>,
+    store: &mut impl FnMut([f64; W]),
 ) {
     let mut sums = [[0.0; W]; R];
-    for (column, entries) in entries.as_chunks::<R>().0.iter().enumerate() {
-        let values = load(column);
+    for (entries, values) in entries.as_chunks::<R>().0.iter().zip(values) {
         for r in 0..R {
             for w in 0..W {
                 sums[r][w] = multiply_add::<FUSED>(entries[r], values[w], sums[r][w]);
             }
         }
     }
-    for (r, sum) in sums.into_iter().enumerate() {
-        store(r, sum);
+    for sum in sums {
+        store(sum);
     }
 }
 
 /// Value at position `i` of basis function `k`; of a DFT, of the real and imaginary parts of exp(-i 2 pi f x / n).
-fn value(basis: Basis, n: usize, k: usize, i: usize) -> f64 {
+pub(super) fn value(basis: Basis, n: usize, k: usize, i: usize) -> f64 {
     let single = (1.0 / n as f64).sqrt();
     let double = (2.0 / n as f64).sqrt();
     match basis {
