@@ -61,9 +61,7 @@ fn peak_avx2() -> f64 {
     }
     let (a, b) = (_mm256_set1_pd(black_box(0.999)), _mm256_set1_pd(black_box(1e-3)));
     let mut sums = [b; 10];
-    // SAFETY: called where the features are.
-    #[allow(unsafe_code)]
-    let time = microseconds(|| sums = black_box(unsafe { chains(black_box(sums), a, b) }));
+    let time = microseconds(|| sums = black_box(chains(black_box(sums), a, b)));
     1000.0 * 10.0 * 4.0 * 2.0 / time / 1e3
 }
 

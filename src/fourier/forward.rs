@@ -1,7 +1,18 @@
 //! Analysis and synthesis in double precision for the encoder and its solver.
 //!
-//! The decoder fixes every rounding; the encoder need not, so it takes the fastest way: axis after axis by products with
-//! real bases, whose results [`conjugate`] combines to a DFT.
+//! The decoder fixes every rounding; the encoder need not, so it takes the fastest way: axis after axis by dense products
+//! with real bases, whose results are combined to a DFT at the end. Measured on one core of AMD Zen 4 (AVX2; peak 58
+//! GFLOP/s), microseconds of analysis + synthesis of a block; before: the DFT by realfft and rustfft, the DCT by rustdct
+//! and, up to 16 entries, by dense products on the x86-64 baseline.
+//!
+//! | block | basis | before | now | 5 % sampled |
+//! | --- | --- | --- | --- | --- |
+//! | 15 x 15 x 15 | DFT | 55 | 20 | 15 |
+//! | 15 x 15 x 15 | DCT | 88 | 17 | 11 |
+//! | 6 x 10 x 60 | DCT | 47 | 22 | 15 |
+//! | 15 x 15 x 60 | DCT | 209 | 75 | 51 |
+//! | 10 x 15 x 180 | DCT | 392 | 230 | 167 |
+//! | 30 x 30 x 60 | DCT | 1302 | 345 | 245 |
 
 mod axis;
 mod conjugate;
@@ -18,11 +29,20 @@ use long::Long;
 use sampled::{Columns, Gather, Spread};
 use simd::Level;
 
-/// Longest axis transformed by dense products.
-const DENSE_MAX: usize = 180;
+/// Longest axis transformed by dense products. Microseconds of a block, dense and by lines: 10 x 15 x 60, DFT 62 and 69, DCT
+/// 51 and 90; 10 x 15 x 180, DFT 299 and 199, DCT 230 and 265. Only the DCT folds a line more than once.
+const fn dense_max(basis: Basis) -> usize {
+    match basis {
+        Basis::Dct => 240,
+        Basis::Dft => 120,
+    }
+}
 
 /// Positions over samples from which the last axis is transformed sample by sample.
 const FEW: usize = 6;
+
+/// Longest last axis transformed so: its table is a square.
+const FEW_MAX: usize = 240;
 
 /// Analysis and synthesis of blocks of one shape; holds its own scratch, so one a thread.
 pub struct Transform {
@@ -51,8 +71,11 @@ enum Kind {
 
 impl Axis {
     fn new(basis: Basis, n: usize, inner: usize) -> Axis {
-        let kind =
-            if n <= DENSE_MAX { Kind::Dense(Dense::new(basis, n)) } else { Kind::Long(Box::new(Long::new(basis, n))) };
+        let kind = if n <= dense_max(basis) {
+            Kind::Dense(Dense::new(basis, n))
+        } else {
+            Kind::Long(Box::new(Long::new(basis, n)))
+        };
         Axis { n, inner, kind }
     }
 
@@ -102,7 +125,8 @@ impl Transform {
 
     /// The coefficients of a block that is zero except for `samples` at `positions`, which are all different.
     ///
-    /// Equals [`Transform::analyze`] up to rounding; few samples save the last axis, a third of the time.
+    /// Equals [`Transform::analyze`] up to rounding; few samples (up to a sixth of the positions) save the work along the last axis, a
+    /// third of the time.
     pub fn analyze_samples(&mut self, positions: &[u32], samples: &[f64], block: &mut [f64]) {
         assert_eq!((block.len(), samples.len()), (self.positions(), positions.len()));
         let level = self.level;
@@ -139,7 +163,7 @@ impl Transform {
 
     /// The basis values of the last axis, if samples are so few that it is done with them alone.
     fn columns(&mut self, samples: usize) -> Option<&Columns> {
-        let last = self.axes.last().filter(|a| matches!(a.kind, Kind::Dense(_)))?;
+        let last = self.axes.last().filter(|a| a.n <= FEW_MAX)?;
         let few = samples <= self.positions() / FEW;
         few.then(|| &*self.columns.get_or_insert_with(|| Columns::new(self.basis, last.n)))
     }
@@ -173,7 +197,7 @@ mod tests {
 
     /// Lengths of 1, 2 and 3, even and odd, of one fold and of several; bundles of fewer lines than a group, of whole
     /// groups and of overlapping ones; axes too long for dense products.
-    const SHAPES: [[usize; 4]; 18] = [
+    const SHAPES: [[usize; 4]; 19] = [
         [1, 15, 15, 15],
         [1, 6, 10, 20],
         [1, 1, 1, 1],
@@ -191,10 +215,11 @@ mod tests {
         [1, 9, 9, 36],
         [1, 2, 3, 180],
         [1, 3, LONG, 2],
+        [1, 2, LONG + 1, 3],
         [1, 1, 2, LONG + 1],
     ];
 
-    const LONG: usize = DENSE_MAX + 1;
+    const LONG: usize = dense_max(Basis::Dct) + 1;
 
     fn noise(n: usize, seed: u64) -> Vec<f64> {
         let mut random = SplitMix64(seed);

@@ -18,7 +18,7 @@ pub(super) struct Dense {
     n: usize,
     /// Folds of the positions: sum to the first, difference to the second.
     first: Vec<[usize; 2]>,
-    /// The position that the first folds leave alone, if any, and for even DFT lengths another.
+    /// Positions that the first folds leave alone: the middle, and for a DFT 0.
     alone: Vec<usize>,
     /// Folds of what the first ones gave, in order.
     more: Vec<[usize; 2]>,
@@ -88,7 +88,7 @@ impl Dense {
                     if length > 1 {
                         part((step..n).step_by(2 * step).collect(), half..length, &position);
                     }
-                    let again = length % 2 == 0 && half > 1;
+                    let again = length.is_multiple_of(2) && half > 1;
                     (length, step) = (half, 2 * step);
                     if !again {
                         part((0..n).step_by(step).collect(), 0..length, &position);
@@ -228,9 +228,7 @@ impl Matrix {
                 3 => group::<3, W, FUSED>(entries, values.clone(), &mut store),
                 4 => group::<4, W, FUSED>(entries, values.clone(), &mut store),
                 5 => group::<5, W, FUSED>(entries, values.clone(), &mut store),
-                6 => group::<6, W, FUSED>(entries, values.clone(), &mut store),
-                7 => group::<7, W, FUSED>(entries, values.clone(), &mut store),
-                _ => group::<8, W, FUSED>(entries, values.clone(), &mut store),
+                _ => group::<6, W, FUSED>(entries, values.clone(), &mut store),
             }
         }
     }
@@ -265,7 +263,7 @@ pub(super) fn value(basis: Basis, n: usize, k: usize, i: usize) -> f64 {
         Basis::Dft => {
             let angle = 2.0 * PI * (k.div_ceil(2) * i % n) as f64 / n as f64;
             match k {
-                k if k + 1 == n && n % 2 == 0 => single * angle.cos(),
+                k if k + 1 == n && n.is_multiple_of(2) => single * angle.cos(),
                 k if k % 2 == 1 => double * angle.cos(),
                 _ => -double * angle.sin(),
             }
