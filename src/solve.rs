@@ -5,12 +5,15 @@
 //! LASSO                  min ||A s - y||_2  subject to  ||W s||_1 <= tau.
 //!
 //! `spgl1` is what callers use; below it, `pareto` finds tau, `descent` solves for one tau, `ball` projects, `norm` says
-//! what is projected onto. Only linearity of A is assumed; orthonormal rows make it fast.
+//! what is projected onto and `groups` how it is held. Only linearity of A is assumed; orthonormal rows make it fast.
 
-pub mod ball;
+mod ball;
+pub mod debias;
 mod descent;
+mod groups;
 pub mod norm;
 mod pareto;
+pub mod sampled;
 pub mod spgl1;
 mod vector;
 

@@ -8,8 +8,8 @@
 
 use super::Operator;
 use super::ball::Projector;
-use super::norm::Norm;
-use super::vector::{distance_squared, dot, move_towards, slope_and_length, step_from, subtract_from};
+use super::groups::Groups;
+use super::vector::{distance_squared, dot, move_towards, subtract_from};
 
 /// Fraction of the linear decrease that a step must achieve (Armijo).
 const SUFFICIENT: f64 = 1e-4;
@@ -33,12 +33,10 @@ pub(super) enum Moved {
     NotFinite,
 }
 
-/// The iterate and what is known there. Buffers are made once; no step allocates.
-pub(super) struct Descent<'a, O: Operator + ?Sized> {
-    op: &'a mut O,
-    norm: &'a Norm,
-    /// The samples, ||y|| = 1.
-    y: &'a [f64],
+/// The iterate and what is known there. Coefficients are packed ([`Groups`]). Buffers are kept from solve to solve;
+/// no step allocates.
+#[derive(Debug, Default)]
+pub(super) struct State {
     projector: Projector,
     /// The iterate s.
     pub(super) s: Vec<f64>,
@@ -48,8 +46,14 @@ pub(super) struct Descent<'a, O: Operator + ?Sized> {
     pub(super) c: Vec<f64>,
     /// ||r||^2
     pub(super) rr: f64,
+    /// ||c||^2
+    pub(super) cc: f64,
+    /// Dual norm of c.
+    pub(super) dual: f64,
     trial_s: Vec<f64>,
     trial_r: Vec<f64>,
+    /// Coefficients in the order of the operator.
+    unpacked: Vec<f64>,
     /// Barzilai-Borwein step length.
     step: f64,
     first_step: f64,
@@ -62,97 +66,106 @@ pub(super) struct Descent<'a, O: Operator + ?Sized> {
     pub(super) transforms: usize,
 }
 
+/// A problem and the state of its solution.
+pub(super) struct Descent<'a, O: Operator + ?Sized> {
+    op: &'a mut O,
+    groups: &'a Groups,
+    /// The samples, ||y|| = 1.
+    y: &'a [f64],
+    pub(super) at: &'a mut State,
+}
+
 impl<'a, O: Operator + ?Sized> Descent<'a, O> {
     /// Starts at s = 0.
-    pub(super) fn new(op: &'a mut O, norm: &'a Norm, y: &'a [f64]) -> Self {
-        let (rows, cols) = (op.rows(), op.cols());
-        let rr = dot(y, y);
-        let mut descent = Descent {
-            op,
-            norm,
-            y,
-            projector: Projector::new(norm),
-            s: vec![0.0; cols],
-            r: y.to_vec(),
-            c: vec![0.0; cols],
-            rr,
-            trial_s: vec![0.0; cols],
-            trial_r: vec![0.0; rows],
-            step: 1.0,
-            first_step: 1.0,
-            lambda: 0.0,
-            history: [rr; HISTORY],
-            newest: 0,
-            transforms: 0,
+    pub(super) fn new(op: &'a mut O, groups: &'a Groups, y: &'a [f64], at: &'a mut State) -> Self {
+        let fill = |v: &mut Vec<f64>, n: usize| {
+            v.clear();
+            v.resize(n, 0.0);
         };
+        [&mut at.s, &mut at.c, &mut at.trial_s].into_iter().for_each(|v| fill(v, groups.len()));
+        fill(&mut at.unpacked, op.cols());
+        fill(&mut at.trial_r, y.len());
+        at.r.clear();
+        at.r.extend_from_slice(y);
+        at.rr = dot(y, y);
+        (at.step, at.first_step, at.lambda) = (1.0, 1.0, 0.0);
+        at.history = [at.rr; HISTORY];
+        at.transforms = 0;
+        let mut descent = Descent { op, groups, y, at };
         descent.gradient();
         // At most 1 / ||A||^2; exactly that for orthonormal rows.
-        let first = rr / dot(&descent.c, &descent.c);
+        let first = descent.at.rr / descent.at.cc;
         if first.is_finite() && first > 0.0 {
-            (descent.step, descent.first_step) = (first, first);
+            (descent.at.step, descent.at.first_step) = (first, first);
         }
         descent
     }
 
-    /// Moves to the projection of `start` onto the ball of radius `tau` and forgets the search's history.
+    /// Moves to the projection of `start`, in the order of the operator, onto the ball of radius `tau`.
     pub(super) fn restart(&mut self, start: &[f64], tau: f64) {
-        self.s.copy_from_slice(start);
+        self.groups.pack(start, &mut self.at.s);
         self.shrink(tau);
     }
 
-    /// Projects the iterate onto the ball of radius `tau`, which may be smaller than before.
+    /// Projects the iterate onto the ball of radius `tau`, which may be smaller than before, and forgets the search's
+    /// history.
     pub(super) fn shrink(&mut self, tau: f64) {
-        self.projector.project(self.norm, &mut self.s, tau);
-        self.op.forward(&self.s, &mut self.r);
-        subtract_from(self.y, &mut self.r);
-        self.transforms += 1;
-        self.rr = dot(&self.r, &self.r);
-        self.history = [self.rr; HISTORY];
+        self.at.projector.project(self.groups, &mut self.at.s, tau);
+        let at = &mut *self.at;
+        self.groups.unpack(&at.s, &mut at.unpacked);
+        self.op.forward(&at.unpacked, &mut at.r);
+        subtract_from(self.y, &mut at.r);
+        at.transforms += 1;
+        at.rr = dot(&at.r, &at.r);
+        at.history = [at.rr; HISTORY];
         self.gradient();
     }
 
     /// One step within the ball of radius `tau`, which must hold the iterate.
     pub(super) fn step(&mut self, tau: f64) -> Moved {
-        step_from(&self.s, self.step, &self.c, &mut self.trial_s);
-        let guess = self.step * self.lambda;
-        self.lambda = self.projector.project_from(self.norm, &mut self.trial_s, tau, guess) / self.step;
-        let (slope, length_squared) = slope_and_length(&self.trial_s, &self.s, &self.c);
-        if !(slope.is_finite() && self.rr.is_finite()) {
+        let at = &mut *self.at;
+        let taken = at.projector.step(self.groups, (&at.s, at.step, &at.c), tau, at.lambda, &mut at.trial_s);
+        at.lambda = taken.lambda;
+        if !(taken.slope.is_finite() && at.rr.is_finite()) {
             return Moved::NotFinite;
         }
-        if slope <= f64::EPSILON * self.rr {
+        if taken.slope <= f64::EPSILON * at.rr {
             return Moved::Stationary;
         }
 
-        self.op.forward(&self.trial_s, &mut self.trial_r);
-        subtract_from(self.y, &mut self.trial_r);
-        self.transforms += 1;
-        let trial_rr = dot(&self.trial_r, &self.trial_r);
-        let curvature = distance_squared(&self.trial_r, &self.r);
+        self.groups.unpack(&at.trial_s, &mut at.unpacked);
+        self.op.forward(&at.unpacked, &mut at.trial_r);
+        subtract_from(self.y, &mut at.trial_r);
+        at.transforms += 1;
+        let trial_rr = dot(&at.trial_r, &at.trial_r);
+        let curvature = distance_squared(&at.trial_r, &at.r);
         if !(trial_rr.is_finite() && curvature.is_finite()) {
             return Moved::NotFinite;
         }
-        let ceiling = self.history.iter().fold(0.0, |a: f64, &b| a.max(b));
-        if trial_rr <= ceiling - 2.0 * SUFFICIENT * slope {
-            std::mem::swap(&mut self.s, &mut self.trial_s);
-            std::mem::swap(&mut self.r, &mut self.trial_r);
-            self.rr = trial_rr;
+        let ceiling = at.history.iter().fold(0.0, |a: f64, &b| a.max(b));
+        if trial_rr <= ceiling - 2.0 * SUFFICIENT * taken.slope {
+            std::mem::swap(&mut at.s, &mut at.trial_s);
+            std::mem::swap(&mut at.r, &mut at.trial_r);
+            at.rr = trial_rr;
         } else {
-            let fraction = (slope / curvature).min(1.0);
-            move_towards(&mut self.s, &self.trial_s, fraction);
-            move_towards(&mut self.r, &self.trial_r, fraction);
-            self.rr = dot(&self.r, &self.r);
+            let fraction = (taken.slope / curvature).min(1.0);
+            move_towards(&mut at.s, &at.trial_s, fraction);
+            move_towards(&mut at.r, &at.trial_r, fraction);
+            at.rr = dot(&at.r, &at.r);
         }
-        let (shortest, longest) = (self.first_step / STEP_RANGE, self.first_step * STEP_RANGE);
-        self.step = if curvature > 0.0 { (length_squared / curvature).clamp(shortest, longest) } else { longest };
-        self.newest = (self.newest + 1) % HISTORY;
-        self.history[self.newest] = self.rr;
+        let (shortest, longest) = (at.first_step / STEP_RANGE, at.first_step * STEP_RANGE);
+        at.step = if curvature > 0.0 { (taken.length_squared / curvature).clamp(shortest, longest) } else { longest };
+        at.newest = (at.newest + 1) % HISTORY;
+        at.history[at.newest] = at.rr;
         self.gradient();
         Moved::Yes
     }
 
     fn gradient(&mut self) {
-        self.op.adjoint(&self.r, &mut self.c);
-        self.transforms += 1;
+        let at = &mut *self.at;
+        self.op.adjoint(&at.r, &mut at.unpacked);
+        self.groups.pack(&at.unpacked, &mut at.c);
+        at.transforms += 1;
+        (at.dual, at.cc) = self.groups.dual_and_square(&at.c);
     }
 }
