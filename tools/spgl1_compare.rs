@@ -6,7 +6,7 @@
 use csbrdf::fourier::forward::Transform;
 use csbrdf::fourier::{Basis, partners};
 use csbrdf::solve::norm::Norm;
-use csbrdf::solve::sampled::SampledBasis;
+use csbrdf::solve::sampled::{Columns, SampledBasis};
 use csbrdf::solve::spgl1::{Options, Solver};
 
 const SHAPE: [usize; 4] = [1, 15, 15, 15];
@@ -14,6 +14,8 @@ const REPEATS: usize = 5;
 
 /// Processor time of this thread, so that other work on the machine does not count (Linux; wall-clock time elsewhere).
 fn processor_seconds() -> Option<f64> {
+    // The kernel brings the figure up to date when it schedules.
+    std::thread::yield_now();
     let statistics = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
     Some(statistics.split_whitespace().next()?.parse::<f64>().ok()? * 1e-9)
 }
@@ -25,12 +27,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let dct = (Transform::new(Basis::Dct, SHAPE), Norm::l1(3375));
     let dft = (Transform::new(Basis::Dft, SHAPE), Norm::new(3375, None, Some(&partner))?);
     let (mut dct, mut dft) = (dct, dft);
+    let columns = [Basis::Dct, Basis::Dft].map(|basis| Columns::new(basis, SHAPE));
     let mut solver = Solver::default();
     for line in std::fs::read_to_string(path)?.lines() {
         let mut words = line.split_whitespace();
-        let (transform, norm) = match words.next() {
-            Some("dct") => (&mut dct.0, &dct.1),
-            _ => (&mut dft.0, &dft.1),
+        let (transform, norm, columns) = match words.next() {
+            Some("dct") => (&mut dct.0, &dct.1, &columns[0]),
+            _ => (&mut dft.0, &dft.1, &columns[1]),
         };
         let sigma: f64 = words.next().ok_or("no sigma")?.parse()?;
         let mut options = Options::default();
@@ -44,7 +47,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             positions.push(position.parse()?);
             y.push(value.parse()?);
         }
-        let mut op = SampledBasis::new(transform, vec![&positions]);
+        let mut op = SampledBasis::new(transform, vec![&positions]).with_columns(columns);
         let mut seconds = Vec::new();
         let mut timed = || -> Result<_, csbrdf::Error> {
             let begin = processor_seconds();

@@ -1,9 +1,9 @@
 //! Groups of coefficients as the solver holds them, and the passes over them.
 //!
-//! The solver's vectors are packed: groups of equal size form a class, and a class is stored member after member, the
-//! members of all its groups side by side, filled up with zeros to whole vector registers. Magnitudes of any group
-//! size then are sums over contiguous rows, with no gather but one permutation before and after the operator.
-//! Measured at 15^3 and conjugate pairs: the passes of an iteration take 9 us, with indexed pairs they took 25 us.
+//! The solver's vectors are packed: groups of equal size form a class, and [`LANES`] groups of a class a bundle, which
+//! is stored member after member, the same member of its groups side by side. The last bundle of a class is filled up
+//! with zeros. Magnitudes of any group size then are sums over contiguous rows, with no gather but one permutation
+//! before and after the operator.
 //!
 //! Squares of entries must be in range: the solver's vectors are those of a problem with ||y|| = 1.
 
@@ -32,16 +32,15 @@ impl Class {
 struct Span {
     /// Members of a group.
     size: usize,
-    /// Groups, filled up to a multiple of [`LANES`].
-    stride: usize,
-    /// First entry of the first member.
+    bundles: usize,
+    /// First entry of the first bundle.
     start: usize,
     /// First group.
     group: usize,
 }
 
 /// What the packed vectors hold.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Groups {
     spans: Vec<Span>,
     /// One a group, 1 for those that only fill up.
@@ -60,17 +59,18 @@ impl Groups {
         let (mut spans, mut weights, mut slots) = (Vec::new(), Vec::new(), vec![0u32; cols]);
         let (mut count, mut len) = (0, 0);
         for class in classes {
-            let stride = class.weights.len().next_multiple_of(LANES);
-            spans.push(Span { size: class.members.len(), stride, start: len, group: weights.len() });
+            let (size, bundles) = (class.members.len(), class.weights.len().div_ceil(LANES));
+            let span = Span { size, bundles, start: len, group: weights.len() };
             for (m, member) in class.members.iter().enumerate() {
                 for (g, &coefficient) in member.iter().enumerate() {
-                    slots[coefficient as usize] = (len + m * stride + g) as u32;
+                    slots[coefficient as usize] = (span.entry(span.group + g) + m * LANES) as u32;
                 }
             }
             count += class.weights.len();
-            len += class.members.len() * stride;
+            len += size * bundles * LANES;
             weights.extend(class.weights);
             weights.resize(weights.len().next_multiple_of(LANES), 1.0);
+            spans.push(span);
         }
         let identity = slots.iter().enumerate().all(|(i, &slot)| slot as usize == i);
         let inverses = weights.iter().map(|w| 1.0 / w).collect();
@@ -90,6 +90,43 @@ impl Groups {
     /// Length of packed vectors, a multiple of [`LANES`].
     pub(super) fn len(&self) -> usize {
         self.len
+    }
+
+    /// Members of a group, and packed entry of the first one; the others follow at distances of [`LANES`].
+    pub(super) fn members(&self, group: usize) -> (usize, usize) {
+        let at = self.spans.partition_point(|span| span.group <= group) - 1;
+        (self.spans[at].size, self.spans[at].entry(group))
+    }
+
+    /// The coefficient at every packed entry; `u32::MAX` at those that only fill up.
+    pub(super) fn coefficients(&self, cols: usize) -> Vec<u32> {
+        let mut of = vec![u32::MAX; self.len];
+        for i in 0..cols {
+            of[self.slots.as_ref().map_or(i, |slots| slots[i] as usize)] = i as u32;
+        }
+        of
+    }
+
+    /// Adds a bundle of groups of one size, and returns the entry at which it starts.
+    pub(super) fn push(&mut self, size: usize, weights: &[f64; LANES]) -> usize {
+        let start = self.len;
+        match self.spans.last_mut() {
+            Some(span) if span.size == size => span.bundles += 1,
+            _ => self.spans.push(Span { size, bundles: 1, start, group: self.weights.len() }),
+        }
+        self.weights.extend(weights);
+        self.inverses.extend(weights.map(|w| 1.0 / w));
+        self.count += LANES;
+        self.len += size * LANES;
+        start
+    }
+
+    /// Nothing.
+    pub(super) fn clear(&mut self) {
+        self.spans.clear();
+        self.weights.clear();
+        self.inverses.clear();
+        (self.slots, self.count, self.len) = (None, 0, 0);
     }
 
     /// Weight of every group, 1 where none is.
@@ -231,7 +268,7 @@ impl Groups {
         factors
     }
 
-    /// Calls `pass(size, rows, groups)` for the groups `groups` to `groups` + LANES of every class: members are at
+    /// Calls `pass(size, rows, groups)` for every bundle, that of the groups `groups` to `groups` + LANES: members are at
     /// `rows.at(0)` to `rows.at(size - 1)`. The sizes in common use are constants to the compiler.
     #[inline(always)]
     fn each(&self, mut pass: impl FnMut(usize, Rows, usize)) {
@@ -248,23 +285,28 @@ impl Groups {
 impl Span {
     #[inline(always)]
     fn each(&self, size: usize, pass: &mut impl FnMut(usize, Rows, usize)) {
-        for at in (0..self.stride).step_by(LANES) {
-            pass(size, Rows { first: self.start + at, stride: self.stride }, self.group + at);
+        for bundle in 0..self.bundles {
+            pass(size, Rows { first: self.start + bundle * size * LANES }, self.group + bundle * LANES);
         }
+    }
+
+    /// Packed entry of the first member of a group.
+    fn entry(&self, group: usize) -> usize {
+        let (bundle, lane) = ((group - self.group) / LANES, (group - self.group) % LANES);
+        self.start + bundle * self.size * LANES + lane
     }
 }
 
-/// The members of some neighbouring groups.
+/// The members of a bundle.
 #[derive(Clone, Copy)]
 struct Rows {
     first: usize,
-    stride: usize,
 }
 
 impl Rows {
     #[inline(always)]
     fn at(self, member: usize) -> usize {
-        self.first + member * self.stride
+        self.first + member * LANES
     }
 }
 

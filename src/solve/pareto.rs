@@ -21,6 +21,11 @@ const SETTLED: f64 = 3e-4;
 const SETTLED_NEAR_ROOT: f64 = 1.0;
 /// ||A^T r|| / ||r|| relative to its value at s = 0 below which r is orthogonal to the range of A.
 const LEAST_SQUARES: f64 = 1e-7;
+/// A subproblem over the working set counts as nearly solved over all groups if no dual magnitude outside is above the
+/// largest one inside by more than this factor.
+const VIOLATION: f64 = 1.02;
+/// Fewest columns by which the working set may grow at a time.
+const GROWTH: usize = 32;
 /// Residuals this far below the tolerance mean that tau is past the root of a sigma near 0.
 const PAST_ROOT: f64 = 0.1;
 /// Smallest sigma for which solutions are scaled back to the residual sigma; below it the scale would round to 1.
@@ -50,18 +55,21 @@ struct Best<'a> {
     residual: f64,
     /// ||W s||_1, known only where sigma was reached; infinite before.
     norm: f64,
+    /// Whether it is over the working set.
+    restricted: bool,
 }
 
 impl<'a> Best<'a> {
     /// Zero.
-    fn new(s: &'a mut Vec<f64>, groups: &Groups) -> Self {
+    fn new(s: &'a mut Vec<f64>) -> Self {
         s.clear();
-        s.resize(groups.len(), 0.0);
-        Best { s, residual: 1.0, norm: f64::INFINITY }
+        Best { s, residual: 1.0, norm: f64::INFINITY, restricted: true }
     }
 
-    fn take(&mut self, s: &[f64], factor: f64, residual: f64, norm: f64) {
-        self.s.copy_from_slice(s);
+    fn take(&mut self, at: &State, factor: f64, residual: f64, norm: f64) {
+        self.s.clear();
+        self.s.extend_from_slice(&at.s);
+        self.restricted = at.restricted;
         if factor != 1.0 {
             scale(self.s, factor);
         }
@@ -82,7 +90,7 @@ pub(super) fn bpdn<O: Operator + ?Sized>(
     start: Option<(&[f64], f64)>,
 ) -> Outcome {
     let Search { state, best } = search;
-    let mut best = Best::new(best, groups);
+    let mut best = Best::new(best);
     let mut descent = Descent::new(op, groups, y, state);
     let (yy, first_cc) = (descent.at.rr, descent.at.cc);
     // Lower bound of the optimal norm.
@@ -115,43 +123,56 @@ pub(super) fn bpdn<O: Operator + ?Sized>(
         if !(cc.is_finite() && residual.is_finite()) {
             break Stop::NotFinite;
         }
-        let dual = descent.at.dual;
         let yr = dot(y, &descent.at.r);
-
         let excess = residual - sigma;
         if excess <= tolerance {
             let (factor, residual) = scale_to_sphere(yy, yr, descent.at.rr, sigma);
-            let size = factor * groups.primal(&descent.at.s);
+            let size = factor * descent.norm();
             if size < best.norm {
-                best.take(&descent.at.s, factor, residual, size);
+                best.take(descent.at, factor, residual, size);
             }
         } else if best.norm.is_infinite() && residual < best.residual {
-            best.take(&descent.at.s, 1.0, residual, f64::INFINITY);
+            best.take(descent.at, 1.0, residual, f64::INFINITY);
         }
-        let bound = (yr - sigma * residual) / dual;
-        if bound > lower {
-            lower = bound.min(TAU_LIMIT);
-        }
-        if best.norm.is_finite() {
-            if relative_gap(best.norm, lower) <= options.gap_tolerance {
-                break Stop::Converged;
-            }
-        } else if cc <= (LEAST_SQUARES * residual).powi(2) * first_cc {
-            break Stop::LeastSquares;
-        }
-        if iterations >= options.max_iterations {
-            break if best.norm.is_finite() { Stop::SigmaReached } else { Stop::IterationLimit };
-        }
-
-        // Newton's step for tau, as soon as the subproblem is nearly solved, at most every second iteration.
         let change = (descent.at.rr - last_rr).abs();
-        let settled = if excess > sigma {
+        let mut settled = if excess > sigma {
             change <= SETTLED * descent.at.rr
         } else {
             change <= SETTLED_NEAR_ROOT * descent.at.rr * excess.abs()
         };
+        settled &= !newton_last && !certifying;
+
+        // What the working set makes believe is checked against all groups before anything is decided.
+        let is_flat = |cc: f64| cc <= (LEAST_SQUARES * residual).powi(2) * first_cc;
+        let bound = |dual: f64| (yr - sigma * residual) / dual;
+        let gap_of = |best: &Best, bound: f64| relative_gap(best.norm, bound.max(lower));
+        let decides = best.norm.is_finite() && gap_of(&best, bound(descent.at.dual)) <= options.gap_tolerance;
+        let last = iterations >= options.max_iterations;
+        let mut missing = 1.0;
+        if decides || settled || stationary || last || is_flat(cc) {
+            missing = descent.complete(GROWTH.max(y.len() / 2));
+            settled &= missing <= VIOLATION;
+            stationary &= missing <= 1.0;
+        }
+        let dual = descent.at.dual;
+        if descent.at.complete && bound(dual) > lower {
+            lower = bound(dual).min(TAU_LIMIT);
+        }
+        if best.norm.is_finite() {
+            let unproven = options.gap_tolerance == f64::INFINITY && missing > VIOLATION;
+            if descent.at.complete && !unproven && relative_gap(best.norm, lower) <= options.gap_tolerance {
+                break Stop::Converged;
+            }
+        } else if descent.at.complete && is_flat(descent.at.cc) {
+            break Stop::LeastSquares;
+        }
+        if last {
+            break if best.norm.is_finite() { Stop::SigmaReached } else { Stop::IterationLimit };
+        }
+
+        // Newton's step for tau, as soon as the subproblem is nearly solved, at most every second iteration.
         let mut target = tau.max(lower);
-        newton_last = !certifying && (stationary || settled && !newton_last);
+        newton_last = !certifying && (stationary || settled);
         if newton_last {
             target = (tau + residual * excess / dual).max(lower).min(TAU_LIMIT);
         }
@@ -176,6 +197,9 @@ pub(super) fn bpdn<O: Operator + ?Sized>(
         };
         iterations += 1;
     };
+    if best.restricted {
+        descent.expand(best.s);
+    }
     let gap = if best.norm.is_finite() { relative_gap(best.norm, lower) } else { f64::INFINITY };
     Outcome { residual: best.residual, gap, iterations, transforms: descent.at.transforms, stop }
 }
@@ -191,7 +215,7 @@ pub(super) fn lasso<O: Operator + ?Sized>(
     options: &Options,
 ) -> Outcome {
     let Search { state, best } = search;
-    let mut best = Best::new(best, groups);
+    let mut best = Best::new(best);
     let mut descent = Descent::new(op, groups, y, state);
     let first_cc = descent.at.cc;
     // Lower bound of the optimal residual.
@@ -206,19 +230,26 @@ pub(super) fn lasso<O: Operator + ?Sized>(
             break Stop::NotFinite;
         }
         if residual < best.residual {
-            best.take(&descent.at.s, 1.0, residual, f64::INFINITY);
+            best.take(descent.at, 1.0, residual, f64::INFINITY);
         }
-        let bound = (dot(y, &descent.at.r) - tau * descent.at.dual) / residual;
-        if bound > lower {
-            lower = bound;
+        let yr = dot(y, &descent.at.r);
+        let bound = |dual: f64| (yr - tau * dual) / residual;
+        let is_flat = |cc: f64| cc <= (LEAST_SQUARES * residual).powi(2) * first_cc;
+        let last = iterations >= options.max_iterations;
+        let decides = best.residual - bound(descent.at.dual).max(lower) <= options.gap_tolerance * best.residual;
+        if decides || stationary || last || is_flat(cc) {
+            stationary &= descent.complete(GROWTH.max(y.len() / 2)) <= 1.0;
+        }
+        if descent.at.complete && bound(descent.at.dual) > lower {
+            lower = bound(descent.at.dual);
         }
         if best.residual <= tolerance || best.residual - lower <= options.gap_tolerance * best.residual {
             break Stop::Converged;
         }
-        if cc <= (LEAST_SQUARES * residual).powi(2) * first_cc {
+        if descent.at.complete && is_flat(descent.at.cc) {
             break Stop::LeastSquares;
         }
-        if iterations >= options.max_iterations {
+        if last {
             break Stop::IterationLimit;
         }
         if stationary {
@@ -231,6 +262,9 @@ pub(super) fn lasso<O: Operator + ?Sized>(
         };
         iterations += 1;
     };
+    if best.restricted {
+        descent.expand(best.s);
+    }
     let gap = relative_gap(best.residual, lower);
     Outcome { residual: best.residual, gap, iterations, transforms: descent.at.transforms, stop }
 }
