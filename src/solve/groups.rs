@@ -250,11 +250,11 @@ impl Groups {
         self.each(|size, rows, groups| {
             let (squares, inverses) = (squares(size, |i| *lanes(c, rows.at(i))), lanes(&self.inverses, groups));
             for k in 0..LANES {
-                dual[k] = larger(dual[k], squares[k].sqrt() * inverses[k]);
+                dual[k] = larger(dual[k], squares[k] * (inverses[k] * inverses[k]));
                 square[k] += squares[k];
             }
         });
-        (dual.into_iter().fold(0.0, larger), square.iter().sum())
+        (dual.into_iter().fold(0.0, larger).sqrt(), square.iter().sum())
     }
 
     /// max(1 - theta weight / magnitude, 0), and 0 for a magnitude of 0.
