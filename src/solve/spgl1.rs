@@ -207,7 +207,7 @@ impl Solver {
         let start = (start.is_some() && max_abs(&self.start) < TAU_LIMIT)
             .then(|| (self.start.as_slice(), norm.primal(&self.start)));
         let (search, groups) = (&mut self.search, norm.packing());
-        let outcome = pareto::bpdn(search, op, &self.unit, sigma, tolerance, groups, options, start);
+        let outcome = pareto::bpdn(search, op, &self.unit, (sigma, tolerance), groups, options, start);
         Ok(problem.finish(outcome, &self.search.best, tolerance))
     }
 
