@@ -5,6 +5,7 @@ use std::sync::OnceLock;
 use crate::block::{Block, Partition, positions};
 use crate::entropy::{self, Walk};
 use crate::error::{Error, Result};
+use crate::format::DOUBLINGS_DRAFT;
 use crate::format::directory::{self, Directory};
 use crate::format::header::{self, Coding};
 use crate::format::index::Index;
@@ -18,7 +19,7 @@ use crate::horizon::Horizon;
 use crate::mask::{self, MaskModel};
 use crate::quantize::{Quantizer, dequantize_mean};
 use crate::range::Decoder;
-use crate::sample::{Sampling, block_seed, sample_positions};
+use crate::sample::{MAX_DOUBLINGS, Sampling, block_seed, sample_positions};
 use crate::table::BrdfTable;
 use crate::tone::{inverse_tone_map, inverse_tone_map_f64};
 
@@ -295,7 +296,8 @@ impl<D: AsRef<[u8]>> Reader<D> {
     fn record(&self, block: usize) -> Result<Record<'_>> {
         let range = self.index.record(block);
         let offset = range.start as u64;
-        Record::read(&self.data.as_ref()[range], block as u32, offset)
+        let doubles = self.version().2 >= DOUBLINGS_DRAFT && self.coding().sampling != Sampling::Every;
+        Record::read(&self.data.as_ref()[range], block as u32, offset, if doubles { MAX_DOUBLINGS } else { 0 })
     }
 
     fn decode_log(&self, block: usize, scratch: &mut Scratch) -> Result<Block> {
@@ -353,6 +355,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
     pub fn block_origin(&self, block: usize) -> Result<Vec<Origin>> {
         let place = self.place(block)?;
         let valid = self.block_validity(block)?;
+        let sampling = self.coding().sampling.doubled(self.record(block)?.doublings);
         let horizon = self.header.horizon();
         let mut origins: Vec<Origin> = positions(place.shape)
             .map(|p| {
@@ -367,7 +370,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
             for (origin, _) in origins.iter_mut().zip(valid).filter(|(_, valid)| **valid) {
                 *origin = Origin::Measured;
             }
-            for position in sample_positions(self.block_seed(block), self.coding().sampling, valid) {
+            for position in sample_positions(self.block_seed(block), sampling, valid) {
                 origins[position as usize] = Origin::Sampled;
             }
         }
@@ -384,11 +387,11 @@ impl<D: AsRef<[u8]>> Reader<D> {
     /// As [`Reader::block_into`].
     pub fn block_info(&self, block: usize) -> Result<BlockInfo> {
         let place = self.place(block)?;
-        let class = self.record(block)?.class;
+        let Record { class, doublings, .. } = self.record(block)?;
         let valid = self.block_validity(block)?;
         let planes = valid.chunks_exact(place.positions());
         let seed = self.block_seed(block);
-        let sampling = self.coding().sampling;
+        let sampling = self.coding().sampling.doubled(doublings);
         let sampled = |valid: &[bool]| match sampling {
             Sampling::Every => valid.iter().filter(|v| **v).count(),
             Sampling::Bernoulli { .. } => sample_positions(seed, sampling, valid).len(),

@@ -1,5 +1,6 @@
 //! The encoder: table in, bytes of a file out (spec section 6).
 
+mod adapt;
 mod blocks;
 mod estimate;
 mod pack;
@@ -25,8 +26,11 @@ use crate::quantize::{Quantizer, quantize_mean};
 use crate::sample::{Sampling, block_seed};
 use crate::table::BrdfTable;
 use blocks::{Quantized, fill_empty_means, gather_log, shrink};
-use estimate::Estimate;
+use estimate::{Estimate, Estimator, Stiffness};
 use recover::{Recoverer, Recovery, Solves};
+
+/// Rms error of the quantiser in steps, about: most coefficients are zero and lose what they are.
+const QUANTISER_RMS: f64 = 0.07;
 
 /// Named sets of settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,6 +68,8 @@ pub struct Encoder {
     basis: Basis,
     blocks: Blocks,
     sampling: Sampling,
+    /// Of the sampling of each block, in place of `sampling`: rms error over samples held out, log domain.
+    target: Option<f64>,
     seed: u64,
     step: f32,
     rounding: f64,
@@ -124,6 +130,7 @@ impl Encoder {
             basis: Basis::Dct,
             blocks: Blocks::Cheapest,
             sampling: Sampling::Every,
+            target: None,
             seed: 0,
             step: 0.1,
             rounding: 0.4,
@@ -180,7 +187,13 @@ impl Encoder {
 
     /// Share of the entries to sample.
     pub fn sampling(self, sampling: Sampling) -> Encoder {
-        Encoder { sampling, ..self }
+        Encoder { sampling, target: None, ..self }
+    }
+
+    /// Samples each block until the recovery tells samples that it has not seen with an rms error of at most this, log
+    /// domain; the ratio starts at 1/128 and is doubled as often as needed. Includes [`Encoder::trend`].
+    pub fn sampling_for(self, rms: f64) -> Encoder {
+        Encoder { target: Some(rms), ..self }
     }
 
     /// Seed of the sampling.
@@ -254,6 +267,9 @@ impl Encoder {
         if self.sampling == (Sampling::Bernoulli { threshold: 0 }) {
             return bad("a sampling ratio of zero leaves nothing to recover from".into());
         }
+        if self.target.is_some_and(|target| !(target.is_finite() && target > 0.0)) {
+            return bad("the rms error to sample for must be finite and above 0".into());
+        }
         if !(0.0..=0.5).contains(&self.rounding) {
             return bad(format!("rounding is {}, must be within 0 to 0.5", self.rounding));
         }
@@ -295,6 +311,41 @@ impl Encoder {
         Ok(encoded)
     }
 
+    /// The table recovered as a whole, if that is what the settings ask for.
+    fn estimate(
+        &self,
+        table: &BrdfTable,
+        transform: &ChannelTransform,
+        partition: &Partition,
+        progress: &(dyn Fn(f64) + Sync),
+    ) -> Option<Estimate> {
+        if !self.trend && self.target.is_none() {
+            return None;
+        }
+        let planes = estimate::log_planes(table, transform, self.eps);
+        let recovery = self.recovery(self.iterations);
+        let mut estimator = Estimator::new(table, &planes, partition, self.seed, recovery);
+        let doublings = match self.target {
+            Some(target) => {
+                // The quantiser adds an error of its own.
+                let quantiser = QUANTISER_RMS * self.step_as_written();
+                let target = (target.powi(2) - quantiser.powi(2)).max(0.0).sqrt().max(target / 2.0);
+                adapt::doublings(&mut estimator, target, &|done| progress(0.7 * done))
+            }
+            None => vec![0; partition.block_count()],
+        };
+        let sampling: Vec<Sampling> = doublings.iter().map(|&d| self.base_sampling().doubled(d)).collect();
+        estimator.draw(&sampling);
+        estimator.fit(Stiffness::HeldOut);
+        progress(0.85);
+        Some(estimator.finish(doublings, &|done| progress(0.85 + 0.15 * done)))
+    }
+
+    /// The sampling that the file states; blocks may double it.
+    fn base_sampling(&self) -> Sampling {
+        if self.target.is_some() { adapt::START } else { self.sampling }
+    }
+
     /// The encode once the partition is known.
     fn encode_partition(
         &self,
@@ -303,12 +354,7 @@ impl Encoder {
         partition: Partition,
         progress: &(dyn Fn(f64) + Sync),
     ) -> Result<Encoded> {
-        let estimate = self.trend.then(|| {
-            let planes = estimate::log_planes(table, &transform, self.eps);
-            let sampling = vec![self.sampling; partition.block_count()];
-            let recovery = self.recovery(self.iterations);
-            estimate::estimate(table, &planes, &partition, self.seed, &sampling, recovery, &|done| progress(0.8 * done))
-        });
+        let estimate = self.estimate(table, &transform, &partition, &|done| progress(0.8 * done));
         let share = if estimate.is_some() { 0.8 } else { 0.0 };
         let recover = |done| progress(share + (0.9 - share) * done);
         let mut blocks: Vec<Quantized> = self
@@ -320,7 +366,7 @@ impl Encoder {
         let coding = Coding {
             basis: self.basis,
             eps: self.eps,
-            sampling: self.sampling,
+            sampling: self.base_sampling(),
             seed: self.seed,
             transform,
             steps: vec![self.step; table.grid().channels().len()],
@@ -354,7 +400,8 @@ impl Encoder {
         let encoder = json!({
             "basis": self.basis.as_str(),
             "block_shapes": shapes,
-            "sampling": self.sampling.ratio(),
+            "sampling": self.base_sampling().ratio(),
+            "sampled_for": self.target,
             "seed": self.seed,
             "quality": self.step_as_written(),
             "rounding": self.rounding,
@@ -442,7 +489,7 @@ impl Encoder {
     }
 
     fn recovery(&self, iterations: usize) -> Recovery {
-        let (basis, sampling, weighting) = (self.basis, self.sampling, self.weighting);
+        let (basis, sampling, weighting) = (self.basis, self.base_sampling(), self.weighting);
         Recovery { basis, sampling, sigma_rms: self.sigma_rms(), iterations, weighting }
     }
 
@@ -494,6 +541,7 @@ impl Encoder {
         let mut shortfall = [(0.0, 0); 2];
         let mut squared_error = 0.0;
         let mut sampled = estimate.map_or(0, |estimate| estimate.sampled[number]);
+        let doublings = estimate.map_or(0, |estimate| estimate.doublings[number]);
         let mut cost = Solves::default();
         for c in 0..channels {
             let values = &mut log[c * n..(c + 1) * n];
@@ -524,7 +572,7 @@ impl Encoder {
                 }
             }
         }
-        Some(Quantized { shape: block.shape, coefficients, means, shortfall, squared_error, sampled, cost })
+        Some(Quantized { shape: block.shape, coefficients, means, shortfall, squared_error, sampled, doublings, cost })
     }
 }
 

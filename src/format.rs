@@ -16,7 +16,11 @@ pub const MAGIC: [u8; 8] = [0x8B, b'C', b'S', b'B', b'\r', b'\n', 0x1A, b'\n'];
 pub const END_MARKER: [u8; 8] = *b"CSBRDF.\n";
 
 /// Major version, minor version and draft number that this build writes; draft 0 means final.
-pub const VERSION: (u16, u16, u16) = (1, 0, 1);
+pub const VERSION: (u16, u16, u16) = (1, 0, 2);
+/// Oldest draft that this build reads.
+pub const OLDEST_DRAFT: u16 = 1;
+/// First draft whose records may double the sampling ratio.
+pub(crate) const DOUBLINGS_DRAFT: u16 = 2;
 
 /// Most axes of a grid.
 pub const MAX_AXES: usize = 4;

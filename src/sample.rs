@@ -15,6 +15,9 @@ impl SplitMix64 {
     }
 }
 
+/// Most doublings of the ratio that a record can state.
+pub const MAX_DOUBLINGS: u8 = 31;
+
 /// How the valid entries of a file's blocks were sampled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sampling {
@@ -39,6 +42,17 @@ impl Sampling {
         } else {
             Sampling::Bernoulli { threshold: (threshold as u32).max(1) }
         })
+    }
+
+    /// The sampling of a block whose record says so many doublings of the file's ratio; every entry where that reaches 1.
+    pub fn doubled(self, doublings: u8) -> Sampling {
+        let Sampling::Bernoulli { threshold } = self else {
+            return self;
+        };
+        match u64::from(threshold) << doublings.min(MAX_DOUBLINGS) {
+            threshold if threshold >> 32 == 0 => Sampling::Bernoulli { threshold: threshold as u32 },
+            _ => Sampling::Every,
+        }
     }
 
     /// The sampling ratio, in (0, 1].
@@ -156,6 +170,18 @@ mod tests {
             }
             prop_assert!(positions.iter().all(|&p| valid[p as usize]));
         }
+    }
+
+    #[test]
+    fn doublings_end_at_every_entry() {
+        let start = Sampling::Bernoulli { threshold: 3 << 28 };
+        assert_eq!(start.doubled(0), start);
+        assert_eq!(start.doubled(2), Sampling::Bernoulli { threshold: 3 << 30 });
+        for doublings in [3, 31, 255] {
+            assert_eq!(start.doubled(doublings), Sampling::Every);
+        }
+        assert_eq!(Sampling::Bernoulli { threshold: 1 }.doubled(31), Sampling::Bernoulli { threshold: 1 << 31 });
+        assert_eq!(Sampling::Every.doubled(3), Sampling::Every);
     }
 
     #[test]

@@ -83,6 +83,17 @@ fn golden_files_cover_the_features() {
     }
 }
 
+/// Samples of a file whose records double the ratio; the counts are those of tools/csbrdf_decode.py.
+#[test]
+fn samples_of_doubled_ratios_are_as_they_were() {
+    let bytes = read("dct-sampled-by-block.csbrdf");
+    let reader = Reader::open(&bytes[..]).unwrap();
+    let infos: Vec<_> = (0..reader.block_count()).map(|b| reader.block_info(b).unwrap()).collect();
+    let sampled: Vec<usize> = infos.iter().map(|info| info.sampled[0]).collect();
+    assert_eq!(sampled, [288, 288, 17, 265, 286, 265, 234, 278, 234, 60, 190, 60]);
+    assert!(infos.iter().any(|info| info.ratio == 1.0) && infos.iter().any(|info| info.ratio < 0.1));
+}
+
 /// Sections of unknown names that say they may be skipped do not keep a file from being read.
 #[test]
 fn a_section_of_a_later_version_is_skipped() {

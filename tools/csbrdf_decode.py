@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A plain decoder of .csbrdf files (format 1.0, draft 1), written from csbrdf.md for reading along with it.
+"""A plain decoder of .csbrdf files (format 1.0, drafts 1 and 2), written from csbrdf.md for reading along with it.
 
     csbrdf_decode.py FILE...                   name and CRC-32 of the values, the binary64 values / scale, the validity
     csbrdf_decode.py --check HASHES [FILE...]  compare these with a list; exit 1 on a difference
@@ -10,6 +10,7 @@ Needs NumPy. Every operation on arrays is elementwise, in the precision of the a
 those of the specification. Numbers in docstrings are its sections. META (3.7) is not decoded, only its CRC is checked.
 """
 import argparse
+import bisect
 import itertools
 import math
 import os
@@ -133,6 +134,7 @@ class File:
     def __init__(self, data):
         self.data = data
         self.container()
+        self.doublings = {}
         for name, read in dict(GRID=self.grid, CODE=self.code, PART=self.part, PROB=self.prob, INDX=self.indx).items():
             cursor = Cursor(name, self.section(name))
             read(cursor)
@@ -146,7 +148,8 @@ class File:
         c.check(major == 1, f"major version {major} is not known")
         minor = c.get("H", "minor version")
         draft = c.get("H", "draft")
-        c.check(draft == 1, f"draft {draft} of version {major}.{minor} is not known")
+        c.check(draft in (1, 2), f"draft {draft} of version {major}.{minor} is not known")
+        self.draft = draft
         count = c.get("H", "number of sections", 1, 64)
         c.check(c.get("Q", "length of the file") == len(self.data), f"the file has {len(self.data)} bytes")
         c.get("I", "reserved field", 0, 0)
@@ -219,8 +222,8 @@ class File:
         c.check(horizon or struct.pack("<d", threshold) == bytes(8), "an elevation, but no horizon")
         named = {"theta_h", "theta_d", "phi_d"} <= {axis[0] for axis in self.axes}
         self.threshold = threshold if horizon and named else None
-        c.get("Q", "seed")
-        c.get("I", "sampling ratio")
+        self.seed = c.get("Q", "seed")
+        self.ratio = c.get("I", "sampling ratio")
         self.step = [F32(c.get("f", "step", F32(1e-12), F32(1e6))) for _ in range(self.channels)]
         self.matrix = None
         if matrix:
@@ -296,7 +299,11 @@ class File:
         c.check(length >= 5, "too short")
         crc = zlib.crc32(struct.pack("<I", number) + data[:-4])
         c.check(crc == int.from_bytes(data[-4:], "little"), "CRC is wrong")
-        validity_class = c.get("B", "class of validity", 0, 4)
+        first_byte = c.get("B", "class of validity and doublings")
+        validity_class, doublings = first_byte & 7, first_byte >> 3
+        c.check(validity_class <= MASK_PER_CHANNEL, f"class of validity {validity_class} is reserved")
+        c.check(doublings == 0 or self.draft >= 2 and self.ratio > 0, f"{doublings} doublings of the sampling ratio")
+        self.doublings[number] = doublings
         coded = c.bytes(length - 5)
         first, shape = self.blocks[number]
         valid = np.zeros((self.channels,) + shape, np.uint8)
@@ -318,6 +325,25 @@ class File:
             s[0, 0, 0, 0] = F32(self.means[number][t]) * self.step[t]
             components.append(synthesize_dft(s) if self.dft else synthesize_dct(s))
         return self.inverse_channel_transform(components), valid
+
+    def samples(self, number):
+        """4.3: how many entries of each channel of a block are samples."""
+        valid = self.record(number)[1].reshape(self.channels, -1)
+        ratio = self.ratio << self.doublings[number]
+        if ratio == 0 or ratio >= 1 << 32:
+            return [int(mask.sum()) for mask in valid]
+        counts = []
+        for mask in valid:
+            state = self.seed ^ number * 0xD1290B269C8B8C2D & MASK64
+            state, free = splitmix64(state)[1], [int(p) for p in np.flatnonzero(mask)]
+            available = len(free)
+            for position in range(mask.size):
+                state, output = splitmix64(state)
+                if output >> 32 < ratio and free:
+                    at = bisect.bisect_left(free, position)
+                    del free[at if at < len(free) else 0]
+            counts.append(available - len(free))
+        return counts
 
     def inverse_channel_transform(self, x):
         """4.1."""
@@ -451,6 +477,17 @@ def dequantize(q, shrink, step):
     less = np.where(magnitude == 1, F32(shrink[0]) / F32(256), F32(shrink[1]) / F32(256))
     value = (magnitude.astype(F32) - less) * step
     return np.where(q == 0, F32(0), np.where(q < 0, -value, value))
+
+
+MASK64 = (1 << 64) - 1
+
+
+def splitmix64(state):
+    """4.3: (next state, output)."""
+    state = state + 0x9E3779B97F4A7C15 & MASK64
+    z = (state ^ state >> 30) * 0xBF58476D1CE4E5B9 & MASK64
+    z = (z ^ z >> 27) * 0x94D049BB133111EB & MASK64
+    return state, z ^ z >> 31
 
 
 class Channel:
@@ -597,6 +634,7 @@ def main():
     parser.add_argument("--check", metavar="HASHES", help="compare the CRC-32s with this list")
     parser.add_argument("-o", metavar="OUT.npy", help="write the binary32 values of one file")
     parser.add_argument("--block", type=int, metavar="N", help="decode one block of one file, print its values")
+    parser.add_argument("--samples", action="store_true", help="print the samples of each block, by channel")
     args = parser.parse_args()
     listed = {}
     if args.check:
@@ -616,7 +654,9 @@ def main():
                 np.save(args.o, file.table()[0])
             if args.block is not None:
                 print_block(file, args.block)
-            if not single or args.check:
+            if args.samples:
+                print(name, [file.samples(number) for number in range(len(file.blocks))])
+            elif not single or args.check:
                 found = sums(file)
                 same = not args.check or listed.get(name) == found
                 bad |= not same

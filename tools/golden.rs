@@ -99,6 +99,8 @@ fn features() -> Result<Vec<(&'static str, Encoder, BrdfTable)>, Failure> {
     let fine = recipe("mirror-like")?.synthesise(&small([6, 6, 8])?)?;
 
     let ratio = Sampling::from_ratio(0.2).ok_or("a ratio")?;
+    let by_block = recipe("satin-paint")?.synthesise(&small([12, 12, 24])?)?;
+    let by_block_encoder = Encoder::new().preset(Preset::Sparse).block_shape(&[6, 6, 8]).sampling_for(0.03).seed(9);
     let paper = Encoder::new().preset(Preset::Paper).block_shape(&[6, 6, 10]).sampling(ratio).seed(42);
     let coarse_encoder = Encoder::new().basis(Basis::Dft).block_shape(&[2, 2, 5, 3]).quality(60.0).eps(1e-300);
     Ok(vec![
@@ -110,6 +112,7 @@ fn features() -> Result<Vec<(&'static str, Encoder, BrdfTable)>, Failure> {
         ("dft-4d-coarse-extremes", coarse_encoder, coarse),
         ("dct-1d-single-positions", Encoder::new().block_shape(&[2]), short),
         ("dct-fine-step", Encoder::new().block_shape(&[6, 6, 8]).quality(1e-4), fine),
+        ("dct-sampled-by-block", by_block_encoder, by_block),
         ("dft-1d", Encoder::new().basis(Basis::Dft).block_shape(&[16]).quality(0.01), line),
     ])
 }

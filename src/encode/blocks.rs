@@ -18,6 +18,8 @@ pub(super) struct Quantized {
     /// Of the quantiser, in the coefficient domain, holes included.
     pub(super) squared_error: f64,
     pub(super) sampled: usize,
+    /// Of the file's sampling ratio.
+    pub(super) doublings: u8,
     pub(super) cost: Solves,
 }
 
@@ -78,6 +80,7 @@ mod tests {
             shortfall: [(0.0, 0); 2],
             squared_error: 0.0,
             sampled: 0,
+            doublings: 0,
             cost: Solves::default(),
         };
         let mut blocks = vec![block(4, None), block(16, Some(40)), block(4, None), block(4, Some(-2)), block(4, None)];

@@ -37,6 +37,8 @@ pub(super) struct Estimate {
     planes: Vec<f64>,
     /// Samples that each block took, all components.
     pub(super) sampled: Vec<usize>,
+    /// Doublings of the file's sampling ratio, one a block.
+    pub(super) doublings: Vec<u8>,
     pub(super) cost: Solves,
 }
 
@@ -88,81 +90,199 @@ pub(super) fn draw(partition: &Partition, seed: u64, sampling: &[Sampling], vali
     flags
 }
 
-/// Recovers the table whose log values are `planes` from the samples that `sampling` draws, one entry a block.
-pub(super) fn estimate(
-    table: &BrdfTable,
-    planes: &[f64],
-    partition: &Partition,
+/// The recovery of a table, to be repeated as samples are added.
+pub(super) struct Estimator<'a> {
+    table: &'a BrdfTable,
+    planes: &'a [f64],
+    partition: &'a Partition,
     seed: u64,
-    sampling: &[Sampling],
     recovery: Recovery,
-    progress: &(dyn Fn(f64) + Sync),
-) -> Estimate {
-    let grid = partition.grid();
-    let n = table.grid().positions();
-    let components = table.grid().channels().len();
-    let flags: Vec<Vec<bool>> =
-        (0..components).into_par_iter().map(|c| draw(partition, seed, sampling, table.valid_plane(c))).collect();
-    let samples: Vec<Samples> = flags
-        .par_iter()
-        .zip(planes.par_chunks_exact(n))
-        .map(|(flags, plane)| {
+    windows: Windows,
+    model: Option<Model>,
+    /// Which positions are samples, one list a component.
+    flags: Vec<Vec<bool>>,
+    /// What the trend says everywhere, or the mean of the samples.
+    base: Vec<f64>,
+    /// Values of the windows over the base, by component and window; `None` where samples came since.
+    solved: Vec<Vec<Option<Vec<f64>>>>,
+    cost: Solves,
+}
+
+/// How stiff a trend is.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Stiffness {
+    /// What suits most tables.
+    Usual,
+    /// Of several, or no trend at all, what tells samples held out best.
+    HeldOut,
+}
+
+impl<'a> Estimator<'a> {
+    /// `planes` are the table's log values after the channel transform; blocks of the partition are sampled.
+    pub(super) fn new(
+        table: &'a BrdfTable,
+        planes: &'a [f64],
+        partition: &'a Partition,
+        seed: u64,
+        recovery: Recovery,
+    ) -> Estimator<'a> {
+        let windows = Windows::new(partition.grid());
+        let components = table.grid().channels().len();
+        Estimator {
+            table,
+            planes,
+            partition,
+            seed,
+            recovery,
+            model: Model::new(table.grid()),
+            flags: vec![Vec::new(); components],
+            base: Vec::new(),
+            solved: vec![vec![None; windows.count()]; components],
+            windows,
+            cost: Solves::default(),
+        }
+    }
+
+    /// Draws the samples anew, each block at its own ratio.
+    pub(super) fn draw(&mut self, sampling: &[Sampling]) {
+        let (table, partition, seed, windows) = (self.table, self.partition, self.seed, &self.windows);
+        self.flags.par_iter_mut().zip(&mut self.solved).enumerate().for_each(|(c, (flags, solved))| {
+            let drawn = draw(partition, seed, sampling, table.valid_plane(c));
+            for (window, solved) in solved.iter_mut().enumerate() {
+                if flags.is_empty() || windows.differs(window, flags, &drawn) {
+                    *solved = None;
+                }
+            }
+            *flags = drawn;
+        });
+    }
+
+    fn samples(&self) -> Vec<Samples> {
+        let n = self.windows.positions();
+        let component = |(flags, plane): (&Vec<bool>, &[f64])| {
             let positions: Vec<u32> = (0..n as u32).filter(|&p| flags[p as usize]).collect();
             let values = positions.iter().map(|&p| plane[p as usize]).collect();
             Samples { positions, values }
-        })
-        .collect();
-    progress(0.05);
+        };
+        self.flags.par_iter().zip(self.planes.par_chunks_exact(n)).map(component).collect()
+    }
 
-    let windows = Windows::new(grid);
-    let model = Model::new(table.grid());
-    let trends: Vec<Option<Trend>> = samples
-        .par_iter()
-        .map(|samples| model.as_ref().and_then(|model| choose_trend(model, samples, &windows, recovery)))
-        .collect();
-    progress(0.5);
-    let mut base = match &model {
-        Some(model) => model.evaluate(&trends),
-        None => vec![0.0; planes.len()],
-    };
-
-    let mut cost = Solves::default();
-    for ((samples, base), trend) in samples.iter().zip(base.chunks_exact_mut(n)).zip(&trends) {
-        if trend.is_none() {
-            // Where a window has no sample the mean of all is the best guess.
-            let mean = samples.values.iter().sum::<f64>() / samples.values.len().max(1) as f64;
-            base.fill(mean);
-        }
-        let mut residual = vec![f64::NAN; n];
-        for (&p, value) in samples.positions.iter().zip(&samples.values) {
-            residual[p as usize] = value - base[p as usize];
-        }
-        let solved: Vec<(Vec<f64>, Solves)> = (0..windows.count())
-            .into_par_iter()
-            .map_init(|| Recoverer::new(recovery), |recoverer, window| windows.solve(recoverer, window, &residual))
+    /// Fits the trend to the samples drawn.
+    pub(super) fn fit(&mut self, stiffness: Stiffness) {
+        let samples = self.samples();
+        let trends: Vec<Option<Trend>> = samples
+            .par_iter()
+            .map(|samples| {
+                let model = self.model.as_ref()?;
+                match stiffness {
+                    Stiffness::Usual => Some(model.fit(&model.design(&samples.positions), &samples.values, 1.0)),
+                    Stiffness::HeldOut => choose_trend(model, samples, &self.windows, self.recovery),
+                }
+            })
             .collect();
-        for (window, (values, solves)) in solved.iter().enumerate() {
-            cost += *solves;
-            windows.add(window, values, base);
+        let n = self.windows.positions();
+        self.base = match &self.model {
+            Some(model) => model.evaluate(&trends),
+            None => vec![0.0; self.planes.len()],
+        };
+        for ((samples, base), _) in
+            samples.iter().zip(self.base.chunks_exact_mut(n)).zip(&trends).filter(|(_, trend)| trend.is_none())
+        {
+            base.fill(samples.values.iter().sum::<f64>() / samples.values.len().max(1) as f64);
         }
-        if recovery.sampling == Sampling::Every {
-            // Every valid value is known better than the recovery has it.
-            for (&p, value) in samples.positions.iter().zip(&samples.values) {
-                base[p as usize] = *value;
+        self.solved.iter_mut().flatten().for_each(|solved| *solved = None);
+    }
+
+    /// Recovers the windows that have new samples, or all after a fit. Gives the values everywhere.
+    pub(super) fn solve(&mut self, progress: &(dyn Fn(f64) + Sync)) -> Vec<f64> {
+        let n = self.windows.positions();
+        let mut planes = self.base.clone();
+        let components = self.flags.len();
+        for (c, base) in planes.chunks_exact_mut(n).enumerate() {
+            let (flags, plane) = (&self.flags[c], &self.planes[c * n..(c + 1) * n]);
+            let mut residual = vec![f64::NAN; n];
+            for (i, residual) in residual.iter_mut().enumerate().filter(|(i, _)| flags[*i]) {
+                *residual = plane[i] - base[i];
+            }
+            let (windows, recovery) = (&self.windows, self.recovery);
+            let costs: Vec<Solves> = self.solved[c]
+                .par_iter_mut()
+                .enumerate()
+                .filter(|(_, solved)| solved.is_none())
+                .map_init(
+                    || Recoverer::new(recovery),
+                    |recoverer, (window, solved)| {
+                        let (values, cost) = windows.solve(recoverer, window, &residual);
+                        *solved = Some(values);
+                        cost
+                    },
+                )
+                .collect();
+            costs.into_iter().for_each(|cost| self.cost += cost);
+            for (window, values) in self.solved[c].iter().enumerate() {
+                windows.add(window, values.as_ref().expect("solved above"), base);
+            }
+            progress((c + 1) as f64 / components as f64);
+        }
+        planes
+    }
+
+    pub(super) fn partition(&self) -> &Partition {
+        self.partition
+    }
+
+    /// Rms error of an estimate over the samples of a block that `next` draws but that are not drawn yet, with a margin for
+    /// how few they are: infinite if there are none, though the block holds valid entries, zero if it holds none.
+    pub(super) fn held_out_rms(&self, estimate: &[f64], number: usize, next: Sampling) -> f64 {
+        let block = self.partition.block(number).expect("number is below the count");
+        let (grid, n) = (self.partition.grid(), self.windows.positions());
+        let seed = block_seed(self.seed, number as u32);
+        let mut flags = vec![false; block.positions()];
+        let (mut truth, mut guess) = (vec![0.0; flags.len()], vec![0.0; flags.len()]);
+        let (mut squares, mut count, mut empty) = (0.0, 0, true);
+        for (c, seen) in self.flags.iter().enumerate() {
+            block.gather(grid, self.table.valid_plane(c), &mut flags);
+            empty &= !flags.contains(&true);
+            let drawn = sample_positions(seed, next, &flags);
+            block.gather(grid, seen, &mut flags);
+            block.gather(grid, &self.planes[c * n..(c + 1) * n], &mut truth);
+            block.gather(grid, &estimate[c * n..(c + 1) * n], &mut guess);
+            for p in drawn.into_iter().map(|p| p as usize).filter(|&p| !flags[p]) {
+                squares += f64::powi(truth[p] - guess[p], 2);
+                count += 1;
             }
         }
+        match f64::from(count) {
+            0.0 if empty => 0.0,
+            0.0 => f64::INFINITY,
+            count => (squares / count).sqrt() * (1.0 + count.sqrt().recip()),
+        }
     }
-    progress(1.0);
-    let count = |number: usize| {
-        let block = partition.block(number).expect("one sampling a block");
-        let mut mask = vec![false; block.positions()];
-        let taken = |flags: &Vec<bool>| {
-            block.gather(grid, flags, &mut mask);
-            mask.iter().filter(|flag| **flag).count()
+
+    /// The values everywhere from what was drawn, and the samples of each block.
+    pub(super) fn finish(mut self, doublings: Vec<u8>, progress: &(dyn Fn(f64) + Sync)) -> Estimate {
+        let mut planes = self.solve(progress);
+        if self.recovery.sampling == Sampling::Every {
+            // Every valid value is known better than the recovery has it.
+            for ((value, known), _) in
+                planes.iter_mut().zip(self.planes).zip(self.flags.iter().flatten()).filter(|(_, flag)| **flag)
+            {
+                *value = *known;
+            }
+        }
+        let grid = self.partition.grid();
+        let count = |number: usize| {
+            let block = self.partition.block(number).expect("number is below the count");
+            let mut mask = vec![false; block.positions()];
+            let taken = |flags: &Vec<bool>| {
+                block.gather(grid, flags, &mut mask);
+                mask.iter().filter(|flag| **flag).count()
+            };
+            self.flags.iter().map(taken).sum()
         };
-        flags.iter().map(taken).sum()
-    };
-    Estimate { grid, planes: base, sampled: (0..partition.block_count()).map(count).collect(), cost }
+        let sampled = (0..self.partition.block_count()).map(count).collect();
+        Estimate { grid, planes, sampled, doublings, cost: self.cost }
+    }
 }
 
 /// The trend that tells samples held out best, together with the recovery of what it leaves.

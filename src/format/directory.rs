@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use crate::bits::ByteReader;
 use crate::error::{Error, Result};
-use crate::format::{END_MARKER, MAGIC, MAX_SECTIONS, VERSION};
+use crate::format::{END_MARKER, MAGIC, MAX_SECTIONS, OLDEST_DRAFT, VERSION};
 
 /// Bytes before the section table.
 pub(crate) const PREAMBLE: usize = 32;
@@ -64,7 +64,7 @@ impl Directory {
         preamble.bytes(MAGIC.len())?;
         // Version: major, minor, draft number (0 in final versions).
         let found = (preamble.u16()?, preamble.u16()?, preamble.u16()?);
-        if found.0 != VERSION.0 || found.2 != VERSION.2 {
+        if found.0 != VERSION.0 || !(OLDEST_DRAFT..=VERSION.2).contains(&found.2) {
             return Err(Error::UnsupportedVersion { found });
         }
         // Number of sections.

@@ -88,9 +88,13 @@ pub struct EncodeArgs {
     /// Quantiser step in the log domain: smaller is better and larger [default: the preset's, 0.1]
     #[arg(long, value_name = "STEP", value_parser = positive::<f32>)]
     pub quality: Option<f32>,
-    /// Share of the entries to sample: 0 to 1, or with % [default: the preset's]
-    #[arg(long, value_name = "RATIO", value_parser = ratio)]
-    pub sampling: Option<f64>,
+    /// Share of the entries to sample: 0 to 1, or with %; or auto: in each block as many as --rmse needs [default: the
+    /// preset's]
+    #[arg(long, value_name = "RATIO|auto", value_parser = sampling)]
+    pub sampling: Option<SamplingArg>,
+    /// With --sampling auto: rms error to sample for, log domain
+    #[arg(long, value_name = "RMS", value_parser = positive::<f64>, required_if_eq("sampling", "auto"), requires = "sampling")]
+    pub rmse: Option<f64>,
     /// Seed of the sampling
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
@@ -299,6 +303,17 @@ pub enum PresetArg {
     Paper,
     /// 5 % of the entries, recovered as well as is known: trend of the whole table, weighted DCT
     Sparse,
+}
+
+/// `--sampling`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SamplingArg {
+    Ratio(f64),
+    Auto,
+}
+
+fn sampling(text: &str) -> Result<SamplingArg, String> {
+    if text == "auto" { Ok(SamplingArg::Auto) } else { ratio(text).map(SamplingArg::Ratio) }
 }
 
 /// `--basis`.

@@ -14,11 +14,11 @@ use csbrdf::table::merl::read_merl;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use sha2::{Digest, Sha256};
 
-use crate::args::{BasisArg, ChannelsArg, EncodeArgs, PresetArg};
+use crate::args::{BasisArg, ChannelsArg, EncodeArgs, PresetArg, SamplingArg};
 use crate::failure::{Failure, Outcome, note};
 use crate::input::{self, is_dash, label};
 use crate::output::Target;
-use crate::text::{clean, error_figure, grouped};
+use crate::text::{clean, error_figure, grouped, percent};
 use crate::{plan, samples};
 
 /// No progress bar for less work than this.
@@ -30,12 +30,17 @@ struct Done {
     ratio: f64,
     log_rms: f64,
     log_max: f64,
+    /// Samples and valid entries.
+    sampled: [usize; 2],
     seconds: f64,
 }
 
 pub fn run(args: &EncodeArgs, quiet: bool) -> Outcome {
     let inputs = args.samples.as_ref().map_or(&args.inputs[..], std::slice::from_ref);
     let targets = targets(args, inputs)?;
+    if args.rmse.is_some() && args.sampling != Some(SamplingArg::Auto) {
+        return Err(Failure::usage("--rmse is what --sampling auto samples for; give both"));
+    }
     let encoder = encoder(args);
     let metadata = metadata(&args.meta)?;
     if let Some(folder) = &args.out_dir {
@@ -45,10 +50,11 @@ pub fn run(args: &EncodeArgs, quiet: bool) -> Outcome {
         let done = encode(input, target, &encoder, &metadata, args, quiet)?;
         if !quiet {
             note(&format!(
-                "{} -> {target}: {} bytes, {:.1}:1, log rms {}, max {}, {:.2} s",
+                "{} -> {target}: {} bytes, {:.1}:1, {} sampled, log rms {}, max {}, {:.2} s",
                 label(input),
                 grouped(done.bytes),
                 done.ratio,
+                percent(done.sampled[0], done.sampled[1]),
                 error_figure(done.log_rms),
                 error_figure(done.log_max),
                 done.seconds
@@ -121,8 +127,14 @@ fn encoder(args: &EncodeArgs) -> Encoder {
     if let Some(step) = args.quality {
         encoder = encoder.quality(step);
     }
-    if let Some(sampling) = args.sampling.and_then(Sampling::from_ratio) {
-        encoder = encoder.sampling(sampling);
+    match (args.sampling, args.rmse) {
+        (Some(SamplingArg::Ratio(ratio)), _) => {
+            if let Some(sampling) = Sampling::from_ratio(ratio) {
+                encoder = encoder.sampling(sampling);
+            }
+        }
+        (Some(SamplingArg::Auto), Some(rmse)) => encoder = encoder.sampling_for(rmse),
+        _ => {}
     }
     if let Some(basis) = args.basis {
         encoder = encoder.basis(match basis {
@@ -238,6 +250,7 @@ fn encode(
         ratio: size as f64 / encoded.bytes.len() as f64,
         log_rms: encoded.report.log_rms,
         log_max: encoded.report.log_max,
+        sampled: [encoded.report.sampled, encoded.report.valid],
         seconds: start.elapsed().as_secs_f64(),
     })
 }

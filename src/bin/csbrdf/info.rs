@@ -91,6 +91,11 @@ fn report(contents: &Contents) -> String {
         true => "every valid entry".into(),
         false => format!("{} % of the positions drawn", crate::text::nine_digits((100.0 * ratio) as f32)),
     };
+    let most = contents.blocks.iter().map(|b| b.info.ratio).fold(ratio, f64::max);
+    let sampling = match most > ratio {
+        true => format!("{sampling} and up, to {} % by block", crate::text::nine_digits((100.0 * most) as f32)),
+        false => sampling,
+    };
     line("sampling", &format!("{sampling}, seed {}", coding.seed));
     if let Some(horizon) = coding.horizon {
         line("horizon", &format!("valid from elevation {horizon:.6} (cosine)"));

@@ -70,6 +70,17 @@ impl Windows {
         block.scatter(self.grid, &present, plane);
     }
 
+    /// Whether two sets of samples differ within a window.
+    pub(super) fn differs(&self, window: usize, one: &[bool], other: &[bool]) -> bool {
+        let (block, _) = self.place(window);
+        let [one, other] = [one, other].map(|flags| {
+            let mut mask = vec![false; block.positions()];
+            block.gather(self.grid, flags, &mut mask);
+            mask
+        });
+        one != other
+    }
+
     /// Squared error of a window's values at the entries of `truth` that are not NaN.
     pub(super) fn squared_error(&self, window: usize, values: &[f64], truth: &[f64]) -> f64 {
         let (block, _) = self.place(window);
