@@ -33,4 +33,21 @@ pub trait Operator {
     fn forward(&mut self, coefficients: &[f64], samples: &mut [f64]);
     /// coefficients = A^T samples.
     fn adjoint(&mut self, samples: &[f64], coefficients: &mut [f64]);
+    /// Is shown every iterate of a BPDN solve, the start included. Nothing depends on it.
+    fn watch(&mut self, _: &Iterate) {}
+}
+
+/// An iterate, of the problem with the samples scaled to ||y|| = 1.
+#[derive(Clone, Copy, Debug)]
+pub struct Iterate<'a> {
+    /// Steps so far.
+    pub iterations: usize,
+    /// Forward and adjoint transforms so far.
+    pub transforms: usize,
+    /// Coefficients s.
+    pub coefficients: &'a [f64],
+    /// y - A s
+    pub residual: &'a [f64],
+    /// A^T (y - A s)
+    pub correlation: &'a [f64],
 }

@@ -6,10 +6,10 @@
 //! fallback): A is linear, so the residual there is a blend of the two known ones and the objective an exact parabola,
 //! whose minimiser needs no transform. Halving a curvilinear step would cost a transform a trial.
 
-use super::Operator;
 use super::ball::Projector;
 use super::norm::Norm;
 use super::vector::{distance_squared, dot, move_towards, slope_and_length, step_from, subtract_from};
+use super::{Iterate, Operator};
 
 /// Fraction of the linear decrease that a step must achieve (Armijo).
 const SUFFICIENT: f64 = 1e-4;
@@ -149,6 +149,12 @@ impl<'a, O: Operator + ?Sized> Descent<'a, O> {
         self.history[self.newest] = self.rr;
         self.gradient();
         Moved::Yes
+    }
+
+    /// Shows the iterate to the operator.
+    pub(super) fn show(&mut self, iterations: usize) {
+        let (transforms, coefficients, residual, correlation) = (self.transforms, &self.s, &self.r, &self.c);
+        self.op.watch(&Iterate { iterations, transforms, coefficients, residual, correlation });
     }
 
     fn gradient(&mut self) {

@@ -1,9 +1,9 @@
 //! Solutions against closed forms, exact sparse signals and the optimality conditions.
 
-use super::Operator;
 use super::norm::Norm;
 use super::spgl1::{Options, Solution, Stop, bpdn, bpdn_from, lasso};
 use super::testing::{Dense, Lcg, length, residual};
+use super::{Iterate, Operator};
 use proptest::prelude::*;
 
 fn tight() -> Options {
@@ -118,6 +118,42 @@ fn a_good_start_saves_steps_and_a_bad_one_does_no_harm() {
         assert_eq!(other.stop, Stop::Converged);
         assert!((other.norm - cold.norm).abs() < 1e-4 * cold.norm);
     }
+}
+
+#[test]
+fn every_iterate_is_shown() {
+    struct Watched(Dense, Vec<(usize, f64)>);
+    impl Operator for Watched {
+        fn rows(&self) -> usize {
+            self.0.rows()
+        }
+        fn cols(&self) -> usize {
+            self.0.cols()
+        }
+        fn forward(&mut self, coefficients: &[f64], samples: &mut [f64]) {
+            self.0.forward(coefficients, samples);
+        }
+        fn adjoint(&mut self, samples: &[f64], coefficients: &mut [f64]) {
+            self.0.adjoint(samples, coefficients);
+        }
+        fn watch(&mut self, iterate: &Iterate) {
+            let mut c = vec![0.0; self.cols()];
+            self.0.adjoint(iterate.residual, &mut c);
+            assert_eq!(c, iterate.correlation);
+            self.1.push((iterate.iterations, length(iterate.residual)));
+        }
+    }
+    let mut rng = Lcg(3);
+    let mut op = Dense::dct(100).select(&(0..100).filter(|_| rng.uniform() < 0.4).collect::<Vec<_>>());
+    let y = uniform(op.rows(), &mut rng);
+    let (norm, options) = (Norm::l1(100), Options { gap_tolerance: f64::INFINITY, ..tight() });
+    let plain = bpdn(&mut op, &y, 0.1 * length(&y), &norm, &options).unwrap();
+    let mut watched = Watched(op, Vec::new());
+    let same = bpdn(&mut watched, &y, 0.1 * length(&y), &norm, &options).unwrap();
+    assert_eq!((same.coefficients, same.iterations), (plain.coefficients, plain.iterations));
+    let seen = watched.1;
+    assert!(seen.iter().map(|step| step.0).eq(0..=plain.iterations));
+    assert!((seen[0].1 - 1.0).abs() < 1e-12 && (seen[plain.iterations].1 - 0.1).abs() < 1e-3);
 }
 
 /// <A^T r, s> = ||A^T r||* ||W s||_1: s is a maximiser of its own dual vector.

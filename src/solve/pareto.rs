@@ -100,6 +100,7 @@ pub(super) fn bpdn<O: Operator + ?Sized>(
         if !(cc.is_finite() && residual.is_finite()) {
             break Stop::NotFinite;
         }
+        descent.show(iterations);
         let dual = norm.dual(&descent.c);
         let yr = dot(y, &descent.r);
 
