@@ -4,6 +4,7 @@ mod blocks;
 mod pack;
 mod recover;
 mod shape;
+pub mod trace;
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
@@ -409,6 +410,11 @@ impl Encoder {
         Ok((partitions.into_iter().nth(best).expect("one of them"), TRIALS))
     }
 
+    fn recovery(&self, iterations: usize) -> Recovery {
+        let (basis, sampling, weighting) = (self.basis, self.sampling, self.weighting);
+        Recovery { basis, sampling, sigma_rms: self.sigma_rms(), iterations, weighting }
+    }
+
     /// Stages one to five of all blocks, in parallel, in order.
     fn quantize_blocks<'a>(
         &'a self,
@@ -418,9 +424,7 @@ impl Encoder {
         iterations: usize,
         progress: &'a (dyn Fn(f64) + Sync),
     ) -> impl IndexedParallelIterator<Item = Result<Quantized>> + 'a {
-        let sigma_rms = self.sigma_rms();
-        let (basis, sampling, weighting) = (self.basis, self.sampling, self.weighting);
-        let recovery = Recovery { basis, sampling, sigma_rms, iterations, weighting };
+        let recovery = self.recovery(iterations);
         let done = AtomicUsize::new(0);
         let count = partition.block_count();
         (0..count).into_par_iter().map_init(

@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use super::trace::Tracer;
 use crate::block::positions;
 use crate::fourier::forward::Transform;
 use crate::fourier::{Basis, partners};
@@ -88,11 +89,13 @@ pub(super) struct Solves {
 pub(super) struct Recoverer {
     recovery: Recovery,
     plans: HashMap<[usize; 4], (Transform, Norm)>,
+    /// Solves in the plain solver's place, if there.
+    pub(super) tracer: Option<Tracer>,
 }
 
 impl Recoverer {
     pub(super) fn new(recovery: Recovery) -> Recoverer {
-        Recoverer { recovery, plans: HashMap::new() }
+        Recoverer { recovery, plans: HashMap::new(), tracer: None }
     }
 
     /// Replaces log values by coefficients. `valid` flags the values that may be looked at; the others are holes.
@@ -128,7 +131,10 @@ impl Recoverer {
         // changes sizes and errors by less than 0.3 %.
         let gap_tolerance = f64::INFINITY;
         let options = Options { max_iterations: recovery.iterations, gap_tolerance, ..Options::default() };
-        let solution = spgl1::bpdn(&mut operator, &samples, sigma, norm, &options);
+        let solution = match &mut self.tracer {
+            None => spgl1::bpdn(&mut operator, &samples, sigma, norm, &options),
+            Some(tracer) => tracer.bpdn(&mut operator, &samples, sigma, norm, &options),
+        };
         cost.solves += 1;
         match solution {
             Ok(solution) => {
