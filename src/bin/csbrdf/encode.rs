@@ -10,6 +10,7 @@ use csbrdf::encode::{Channels, Encoder, Preset};
 use csbrdf::format::metadata::Metadata;
 use csbrdf::fourier::Basis;
 use csbrdf::sample::Sampling;
+use csbrdf::table::BrdfTable;
 use csbrdf::table::merl::read_merl;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use sha2::{Digest, Sha256};
@@ -107,7 +108,8 @@ fn targets(args: &EncodeArgs) -> Result<Vec<Target>, Failure> {
     Ok(targets)
 }
 
-fn encoder(args: &EncodeArgs) -> Encoder {
+/// The encoder with the settings of a command line.
+pub fn encoder(args: &EncodeArgs) -> Encoder {
     let mut encoder = Encoder::new().seed(args.seed).preset(match args.preset {
         PresetArg::Archive => Preset::Archive,
         PresetArg::Paper => Preset::Paper,
@@ -133,6 +135,9 @@ fn encoder(args: &EncodeArgs) -> Encoder {
     if let Some(sigma) = args.sigma {
         encoder = encoder.sigma(sigma);
     }
+    if let Some(iterations) = args.iterations {
+        encoder = encoder.iterations(iterations as usize);
+    }
     if let Some(weighting) = args.weighting {
         encoder = encoder.weighting(weighting);
     }
@@ -146,7 +151,7 @@ fn encoder(args: &EncodeArgs) -> Encoder {
 }
 
 /// The metadata that `--meta` gives.
-fn metadata(pairs: &[(String, String)]) -> Result<Metadata, Failure> {
+pub fn metadata(pairs: &[(String, String)]) -> Result<Metadata, Failure> {
     let mut m = Metadata::default();
     for (key, value) in pairs {
         let single = match key.as_str() {
@@ -184,6 +189,23 @@ fn metadata(pairs: &[(String, String)]) -> Result<Metadata, Failure> {
     Ok(m)
 }
 
+/// A MERL table's bytes as a table and the metadata of its file.
+pub fn parse(input: &Path, bytes: &[u8], metadata: &Metadata) -> Result<(BrdfTable, Metadata), Failure> {
+    let table = read_merl(bytes).map_err(|e| Failure::in_file(input, &e))?;
+    if table.valid_count() == 0 {
+        let what = "no entry is valid: all are negative, NaN or infinite; there is nothing to encode";
+        return Err(Failure::bad_input(input, what));
+    }
+    let mut metadata = metadata.clone();
+    metadata.source_sha256.get_or_insert_with(|| hex(&Sha256::digest(bytes)));
+    if !is_dash(input) {
+        let text = |part: Option<&std::ffi::OsStr>| part.map(|p| p.to_string_lossy().into_owned());
+        metadata.source_file = metadata.source_file.or_else(|| text(input.file_name()));
+        metadata.name = metadata.name.or_else(|| text(input.file_stem()));
+    }
+    Ok((table, metadata))
+}
+
 fn encode(
     input: &Path,
     target: &Target,
@@ -198,18 +220,7 @@ fn encode(
     let size = bytes.len();
     input::expect_merl(input, bytes)?;
     target.check(force)?;
-    let table = read_merl(bytes).map_err(|e| Failure::in_file(input, &e))?;
-    if table.valid_count() == 0 {
-        let what = "no entry is valid: all are negative, NaN or infinite; there is nothing to encode";
-        return Err(Failure::bad_input(input, what));
-    }
-    let mut metadata = metadata.clone();
-    metadata.source_sha256.get_or_insert_with(|| hex(&Sha256::digest(bytes)));
-    if !is_dash(input) {
-        let text = |part: Option<&std::ffi::OsStr>| part.map(|p| p.to_string_lossy().into_owned());
-        metadata.source_file = metadata.source_file.or_else(|| text(input.file_name()));
-        metadata.name = metadata.name.or_else(|| text(input.file_stem()));
-    }
+    let (table, metadata) = parse(input, bytes, metadata)?;
     drop(source);
     let bar = OnceLock::new();
     let progress = |share: f64| {

@@ -11,6 +11,7 @@ mod info;
 mod input;
 mod output;
 mod picture;
+mod report;
 mod synth;
 mod text;
 mod verify;
@@ -55,6 +56,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Compare(args) => compare::run(&args),
         Command::Eval(args) => eval::run(&args),
         Command::Synth(args) => synth::run(&args),
+        Command::Report(args) => report::run(&args, cli.threads, cli.quiet),
         Command::Demo(args) => demo::run(&args),
     }
 }
