@@ -1,5 +1,5 @@
 //! `csbrdf report` as its users see it: one run, and the commands that it prints.
-#![cfg(feature = "cli")]
+#![cfg(all(feature = "cli", unix))]
 
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
@@ -27,10 +27,13 @@ fn fails(folder: &Path, words: &[&str], code: i32, part: &str) {
     assert!(stderr.starts_with("csbrdf: ") && stderr.lines().count() == 1 && stderr.contains(part), "{stderr}");
 }
 
-/// Rows of a CSV file as fields; none of these has a quote or a line break in it.
+fn names(folder: &Path) -> Vec<String> {
+    std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect()
+}
+
+/// Rows of a CSV file as fields; none of these holds a quote or a line break.
 fn rows(path: &Path) -> Vec<Vec<String>> {
     let text = std::fs::read_to_string(path).unwrap();
-    assert!(!text.contains('"') || path.ends_with("report.csv"));
     let mut rows = Vec::new();
     for line in text.lines() {
         let mut fields = vec![String::new()];
@@ -65,14 +68,18 @@ fn a_report_is_complete_and_its_commands_give_its_points() {
         assert!(number("encode_seconds") > 0.0 && number("decode_seconds") > 0.0 && number("render_psnr_db") > 10.0);
         assert!(number("missed_sigma") <= number("solves") && number("iterations") <= 5.0 * number("solves"));
     }
-    // One command each of a fully and a thinly sampled setting: the words are those of a shell without expansions.
+    // One command each of a fully and a thinly sampled setting, by a shell as a user would.
+    let tool = Path::new(env!("CARGO_BIN_EXE_csbrdf")).parent().unwrap().display();
+    let path = format!("{tool}:{}", std::env::var("PATH").unwrap());
     for preset in ["archive", "paper"] {
         let row = points.iter().rev().find(|row| row[column("preset")] == preset).unwrap();
-        let command = row[column("command")].replace("'a satin.binary'", "a\u{a0}satin.binary");
-        let words: Vec<String> = command.split(' ').map(|word| word.replace('\u{a0}', " ")).collect();
-        assert_eq!(words[0], "csbrdf");
-        ok(at, &words[1..].iter().map(String::as_str).collect::<Vec<_>>());
-        let file = at.join(words.last().unwrap());
+        let command = &row[column("command")];
+        assert!(command.starts_with("csbrdf encode 'a satin.binary' --preset "), "{command}");
+        let status = Command::new("sh").args(["-c", command]).current_dir(at).env("PATH", &path).status();
+        assert!(status.unwrap().success(), "{command}");
+        let made = names(at).into_iter().filter(|name| name.ends_with(".csbrdf")).collect::<Vec<_>>();
+        assert_eq!(made.len(), 1);
+        let file = at.join(&made[0]);
         assert_eq!(std::fs::metadata(&file).unwrap().len().to_string(), row[column("bytes")]);
         let compared = ok(at, &["compare", "a satin.binary", file.to_str().unwrap(), "--json", "--render", "0"]);
         let compared: Value = serde_json::from_str(&compared).unwrap();
@@ -80,6 +87,7 @@ fn a_report_is_complete_and_its_commands_give_its_points() {
         assert!((compared["overall"]["log_rms"].as_f64().unwrap() / rms - 1.0).abs() < 1e-4);
         let info: Value = serde_json::from_str(&ok(at, &["info", "--json", file.to_str().unwrap()])).unwrap();
         assert!(info.to_string().contains(&format!("\"log_rms\":{rms}")), "{info}");
+        std::fs::remove_file(file).unwrap();
     }
 
     let page = std::fs::read_to_string(at.join("r/report.html")).unwrap();
@@ -99,6 +107,10 @@ fn a_report_is_complete_and_its_commands_give_its_points() {
     let traces = rows(&at.join("r/traces.csv"));
     assert!(traces.len() > 100 && traces.iter().all(|row| row.len() == traces[0].len()));
 
+    let mut files = names(&at.join("r"));
+    files.sort();
+    assert_eq!(files, ["report.csv", "report.html", "traces.csv"]);
+
     // An earlier report stays.
     fails(at, &report, 1, "--force");
 }
@@ -112,5 +124,5 @@ fn what_can_fail_does_so_before_the_work() {
     fails(at, &["report", "text.binary"], 3, "is a text file");
     fails(at, &["report", "-"], 2, "standard input");
     fails(at, &["report", "none.binary", "--encode", "--nonsense"], 2, "--nonsense");
-    assert_eq!(std::fs::read_dir(at).unwrap().count(), 1);
+    assert_eq!(names(at), ["text.binary"]);
 }

@@ -21,22 +21,24 @@ impl Axis {
         if high == 0.0 {
             return None;
         }
-        let widen = (LEAST_FACTOR / (high / low)).max(1.0).sqrt();
-        let margin = (high / low * widen * widen).powf(0.04) * widen;
-        Some(Axis { low: low / margin, high: high * margin })
+        let (low, high) = (low.ln(), high.ln());
+        let widen = 0.5 * (LEAST_FACTOR.ln() - (high - low)).max(0.0);
+        let margin = widen + 0.04 * (high - low + 2.0 * widen);
+        Some(Axis { low: (low - margin).exp().max(f64::MIN_POSITIVE), high: (high + margin).exp().min(f64::MAX) })
     }
 
     /// Where a value lies, 0 to 1 within the axis.
     pub fn place(&self, value: f64) -> f64 {
-        (value / self.low).ln() / (self.high / self.low).ln()
+        (value.ln() - self.low.ln()) / (self.high.ln() - self.low.ln())
     }
 
     /// Values to label, three or more where double precision allows, in rising order.
     pub fn ticks(&self) -> Vec<f64> {
-        let decades = self.low.log10().floor() as i32..=self.high.log10().ceil() as i32;
+        let (first, last) = (self.low.log10(), self.high.log10());
+        let decades = first.floor() as i32..=last.ceil() as i32;
         let within = |v: &f64| (self.low..=self.high).contains(v);
-        if (self.high / self.low).log10() > 8.0 {
-            let every = ((self.high / self.low).log10() / 6.0).ceil() as i32;
+        if last - first > 8.0 {
+            let every = ((last - first) / 6.0).ceil() as i32;
             return decades.filter(|d| d % every == 0).map(|d| 10f64.powi(d)).filter(within).collect();
         }
         for multiples in MULTIPLES {
@@ -118,9 +120,9 @@ mod tests {
     #[test]
     fn axes_hold_their_values_and_are_never_empty() {
         assert_eq!(Axis::around([0.0, f64::NAN, f64::INFINITY, -1.0]), None);
-        for values in [vec![3.0], vec![1.0, 1e6], vec![5.0, 5.01, 0.0]] {
+        for values in [vec![3.0], vec![1.0, 1e6], vec![5.0, 5.01, 0.0], vec![1e-300, 1e300]] {
             let axis = Axis::around(values.iter().copied()).unwrap();
-            assert!(axis.high / axis.low >= 1.59);
+            assert!(axis.high / axis.low >= 1.59 && axis.high.is_finite());
             assert!(values.iter().filter(|v| **v > 0.0).all(|v| (0.0..1.0).contains(&axis.place(*v))), "{axis:?}");
         }
         assert!((Axis { low: 1.0, high: 100.0 }.place(10.0) - 0.5).abs() < 1e-12);

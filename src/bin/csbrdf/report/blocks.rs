@@ -69,7 +69,7 @@ mod tests {
         let axis = Axis { len: 16, ..Grid::merl().axes()[0] };
         let grid = Grid::new(vec![axis], Grid::rgb_channels([1.0; 3])).unwrap();
         // Four blocks of four: factors 10, 100 and 3 between their entries, then one that is mostly missing.
-        let plane = [1.0, 1.0, 1.0, 10.0, 1.0, 1.0, 1.0, 100.0, 1.0, 3.0, 1.0, -1.0, 1e9, -1.0, -1.0, 0.0];
+        let plane = [1.0, 1.0, 1.0, 10.0, 1.0, 1.0, 1.0, 100.0, 1.0, 3.0, 1.0, -1.0, 1e9, -1.0, -1.0, -1.0];
         let table = BrdfTable::from_values(grid, plane.repeat(3)).unwrap();
         let partition = Partition::uniform(table.grid().shape(), [1, 1, 1, 4]).unwrap();
         let chosen = choose(&table, &partition, &[]).unwrap();
