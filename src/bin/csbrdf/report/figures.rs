@@ -15,7 +15,8 @@ const VERTICES: f64 = 150.0;
 
 /// Error against encode seconds, decode seconds and bytes for some of the series, with the front of all points.
 pub fn precision(table: usize, tried: &Tried, series: &[usize]) -> [Plot; 3] {
-    let costs: [(&str, fn(&Point) -> f64); 3] = [
+    type Cost = fn(&Point) -> f64;
+    let costs: [(&str, Cost); 3] = [
         ("encode, s", |p| p.encode_seconds),
         ("decode, ms", |p| 1e3 * p.decode_seconds),
         ("file, kB", |p| p.bytes as f64 / 1e3),
