@@ -15,6 +15,8 @@ const STYLE: &str = "\
 body{font:15px/1.45 sans-serif;color:#222;max-width:1400px;margin:1.5em auto;padding:0 1em}
 h2{border-top:2px solid #333;padding-top:.5em;margin-top:2em}
 .plots{display:grid;grid-template-columns:repeat(auto-fit,minmax(340px,1fr));gap:.5em}
+.four{grid-template-columns:repeat(4,1fr)}
+@media(max-width:1200px){.four{grid-template-columns:repeat(2,1fr)}}
 .plot{width:100%;max-width:620px;height:auto}
 .legend{display:flex;flex-wrap:wrap;gap:.2em 1.4em;font-size:13px;margin:.3em 0}
 .legend svg{vertical-align:-2px;margin-right:.4em}
@@ -108,7 +110,7 @@ fn followed(out: &mut String, tried: &Tried) {
         let block = &followed[0].block;
         let _ = writeln!(out, "<h4>{}: number {}, log range {:.2}</h4>", block.kind, block.number, block.range);
         out.push_str(&legend(followed.iter().enumerate().map(|(i, f)| (Style(i), f.settings.as_str()))));
-        out.push_str("<div class=\"plots\">\n");
+        out.push_str("<div class=\"plots four\">\n");
         for plot in following(followed) {
             out.push_str(&plot.svg());
         }
