@@ -19,7 +19,7 @@ use crate::format::header::Coding;
 use crate::format::metadata::Metadata;
 use crate::format::{EPS_RANGE, STEP_RANGE, check_block};
 use crate::fourier::Basis;
-use crate::horizon::{Horizon, fit_threshold};
+use crate::horizon::{Horizon, fit_threshold, lowest_elevation};
 use crate::quantize::{Quantizer, quantize_mean};
 use crate::sample::{Sampling, block_seed};
 use crate::table::BrdfTable;
@@ -495,6 +495,9 @@ fn fit_horizon(table: &BrdfTable) -> Option<f64> {
     let any: Vec<bool> = (0..n).map(|i| (0..table.grid().channels().len()).any(|c| table.valid_plane(c)[i])).collect();
     let invalid = any.iter().filter(|v| !**v).count();
     let (threshold, wrong) = fit_threshold(&horizon, table.grid().shape(), &any);
+    if 2 * wrong > any.len() - invalid {
+        return lowest_elevation(&horizon, table.grid().shape(), &any).filter(|threshold| threshold.abs() <= 1.0);
+    }
     // Rounding can put an elevation just above 1.
     (wrong < invalid && threshold.abs() <= 1.0).then_some(threshold)
 }

@@ -101,6 +101,17 @@ pub(crate) fn fit_threshold(horizon: &Horizon, shape: [usize; 4], valid: &[bool]
     (threshold, best)
 }
 
+/// The threshold for the mask of a sparse measurement: the elevation that all but a thousandth of the valid entries
+/// reach. There the fewest errors are had by predicting nothing, which tells possible bins not from impossible ones.
+#[cfg(feature = "encode")]
+pub(crate) fn lowest_elevation(horizon: &Horizon, shape: [usize; 4], valid: &[bool]) -> Option<f64> {
+    use crate::block::positions;
+    let seen = positions(shape).zip(valid).filter(|(_, valid)| **valid);
+    let mut elevations: Vec<f64> = seen.map(|(p, _)| horizon.elevation(p)).collect();
+    elevations.sort_by(f64::total_cmp);
+    elevations.get(elevations.len() / 1000).copied()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -139,5 +150,19 @@ mod tests {
                 positions(grid.shape()).zip(&valid).filter(|(p, v)| (horizon.elevation(*p) >= threshold) != **v);
             assert_eq!(counted.count(), wrong);
         }
+    }
+
+    #[cfg(feature = "encode")]
+    #[test]
+    fn a_sparse_mask_leaves_the_threshold_at_the_horizon() {
+        let grid = Grid::merl();
+        let horizon = Horizon::new(&grid).unwrap();
+        let mut random = crate::sample::SplitMix64(5);
+        let valid: Vec<bool> = positions(grid.shape())
+            .map(|p| random.next_u64().is_multiple_of(100) && horizon.elevation(p) >= 0.0)
+            .collect();
+        let threshold = lowest_elevation(&horizon, grid.shape(), &valid).unwrap();
+        assert!((0.0..0.005).contains(&threshold), "{threshold}");
+        assert_eq!(lowest_elevation(&horizon, grid.shape(), &vec![false; valid.len()]), None);
     }
 }

@@ -70,6 +70,8 @@ pub mod map;
 mod mask;
 #[cfg(feature = "encode")]
 pub mod metrics;
+#[cfg(feature = "encode")]
+pub mod plan;
 pub mod quantize;
 mod range;
 #[cfg(feature = "encode")]

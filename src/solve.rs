@@ -5,14 +5,19 @@
 //! LASSO                  min ||A s - y||_2  subject to  ||W s||_1 <= tau.
 //!
 //! `spgl1` is what callers use; below it, `pareto` finds tau, `descent` solves for one tau, `ball` projects, `norm` says
-//! what is projected onto. Only linearity of A is assumed; orthonormal rows make it fast.
+//! what is projected onto and `groups` how it is held, `working` keeps
+//! to the columns that matter where samples are few. Only linearity of A is assumed; orthonormal rows make it fast.
 
-pub mod ball;
+mod ball;
+pub mod debias;
 mod descent;
+mod groups;
 pub mod norm;
 mod pareto;
+pub mod sampled;
 pub mod spgl1;
 mod vector;
+mod working;
 
 #[cfg(test)]
 mod agreement;
@@ -33,21 +38,37 @@ pub trait Operator {
     fn forward(&mut self, coefficients: &[f64], samples: &mut [f64]);
     /// coefficients = A^T samples.
     fn adjoint(&mut self, samples: &[f64], coefficients: &mut [f64]);
+    /// samples = column `index` of A, if that costs but a few operations a sample: solves from few samples then work on
+    /// the columns that matter. `false` (the default) leaves the samples alone.
+    fn column(&mut self, index: usize, samples: &mut [f64]) -> bool {
+        let _ = (index, samples);
+        false
+    }
     /// Is shown every iterate of a BPDN solve, the start included. Nothing depends on it.
-    fn watch(&mut self, _: &Iterate) {}
+    fn watch(&mut self, iterate: &Iterate) {
+        let _ = iterate;
+    }
 }
 
-/// An iterate, of the problem with the samples scaled to ||y|| = 1.
-#[derive(Clone, Copy, Debug)]
+/// An iterate, of the problem with the samples scaled to ||y|| = 1. Costs nothing until it is looked at.
+#[derive(Clone, Copy)]
 pub struct Iterate<'a> {
     /// Steps so far.
     pub iterations: usize,
-    /// Forward and adjoint transforms so far.
+    /// Forward and adjoint transforms so far; steps over a working set take none.
     pub transforms: usize,
-    /// Coefficients s.
-    pub coefficients: &'a [f64],
     /// y - A s
     pub residual: &'a [f64],
-    /// A^T (y - A s)
-    pub correlation: &'a [f64],
+    state: &'a descent::State,
+    groups: &'a groups::Groups,
+}
+
+impl Iterate<'_> {
+    /// Writes the coefficients s, as many as the operator's columns.
+    ///
+    /// # Panics
+    /// Where `coefficients` has another length.
+    pub fn coefficients(&self, coefficients: &mut [f64]) {
+        self.state.unpack(self.groups, coefficients);
+    }
 }

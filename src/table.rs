@@ -4,6 +4,8 @@ pub mod merl;
 #[cfg(feature = "encode")]
 pub mod npy;
 #[cfg(feature = "encode")]
+pub mod samples;
+#[cfg(feature = "encode")]
 pub mod synth;
 
 use crate::error::{Error, Result};

@@ -7,42 +7,9 @@ use crate::block::positions;
 use crate::fourier::forward::Transform;
 use crate::fourier::{Basis, partners};
 use crate::sample::{Sampling, sample_positions};
-use crate::solve::Operator;
 use crate::solve::norm::Norm;
+use crate::solve::sampled::SampledBasis;
 use crate::solve::spgl1::{self, Options};
-
-/// Point sampling of the inverse transform: coefficients to the samples at `positions`.
-struct SampledBasis<'a> {
-    transform: &'a mut Transform,
-    positions: &'a [u32],
-    block: Vec<f64>,
-}
-
-impl Operator for SampledBasis<'_> {
-    fn rows(&self) -> usize {
-        self.positions.len()
-    }
-
-    fn cols(&self) -> usize {
-        self.block.len()
-    }
-
-    fn forward(&mut self, coefficients: &[f64], samples: &mut [f64]) {
-        self.block.copy_from_slice(coefficients);
-        self.transform.synthesize(&mut self.block);
-        for (sample, &p) in samples.iter_mut().zip(self.positions) {
-            *sample = self.block[p as usize];
-        }
-    }
-
-    fn adjoint(&mut self, samples: &[f64], coefficients: &mut [f64]) {
-        coefficients.fill(0.0);
-        for (sample, &p) in samples.iter().zip(self.positions) {
-            coefficients[p as usize] = *sample;
-        }
-        self.transform.analyze(coefficients);
-    }
-}
 
 /// What the recovery of a block's component needs to know.
 #[derive(Clone, Copy, Debug)]
@@ -125,7 +92,7 @@ impl Recoverer {
         let mut samples: Vec<f64> = positions.iter().map(|&p| values[p as usize]).collect();
         let mean = samples.iter().sum::<f64>() / samples.len() as f64;
         samples.iter_mut().for_each(|s| *s -= mean);
-        let mut operator = SampledBasis { transform, positions: &positions, block: vec![0.0; values.len()] };
+        let mut operator = SampledBasis::new(transform, vec![&positions]);
         let sigma = recovery.sigma_rms * (samples.len() as f64).sqrt();
         // The first point that reaches sigma will do: proving its norm minimal takes up to twice the steps and
         // changes sizes and errors by less than 0.3 %.

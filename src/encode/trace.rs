@@ -97,6 +97,7 @@ impl Tracer {
             gap_tolerance: self.limits.gap,
             ..*options
         };
+        let stop = spgl1::bpdn(op, y, sigma, norm, options)?.iterations;
         let length = y.iter().map(|v| v * v).sum::<f64>().sqrt();
         let mut watched = Watched {
             op,
@@ -104,6 +105,7 @@ impl Tracer {
             unit: y.iter().map(|v| v / length).collect(),
             sigma: sigma / length,
             feasible: vec![0.0; norm.cols()],
+            correlation: vec![0.0; norm.cols()],
             lower: 0.0,
             upper: f64::INFINITY,
             begin: Instant::now(),
@@ -114,12 +116,11 @@ impl Tracer {
         let mut steps = watched.steps;
         let rms = (y.len() as f64).sqrt();
         steps.iter_mut().for_each(|step| step.residual *= length / rms);
-        let reached = steps.iter().find(|step| step.residual * rms <= sigma + solution.tolerance);
         self.traces.push(Trace {
             samples: y.len(),
             coefficients: norm.cols(),
             sigma: sigma / rms,
-            encoder_stops: reached.map_or(options.max_iterations, |step| step.iterations.min(options.max_iterations)),
+            encoder_stops: stop.min(solution.iterations),
             steps,
         });
         Ok(solution)
@@ -135,6 +136,8 @@ struct Watched<'a, O> {
     /// sigma / ||y||
     sigma: f64,
     feasible: Vec<f64>,
+    /// A^T r
+    correlation: Vec<f64>,
     /// Best bounds of the least norm so far.
     lower: f64,
     upper: f64,
@@ -162,16 +165,21 @@ impl<O: Operator> Operator for Watched<'_, O> {
         self.op.adjoint(samples, coefficients);
     }
 
+    fn column(&mut self, index: usize, samples: &mut [f64]) -> bool {
+        self.op.column(index, samples)
+    }
+
     fn watch(&mut self, iterate: &Iterate) {
         let now = Instant::now();
         let seconds = (now - self.begin).saturating_sub(self.watching).as_secs_f64();
         let product = |a: &[f64]| a.iter().zip(iterate.residual).map(|(a, r)| a * r).sum::<f64>();
         let residual = product(iterate.residual).sqrt();
-        let lower = (product(&self.unit) - self.sigma * residual) / self.norm.dual(iterate.correlation);
+        // The solver may know it for some of the columns only.
+        self.op.adjoint(iterate.residual, &mut self.correlation);
+        let lower = (product(&self.unit) - self.sigma * residual) / self.norm.dual(&self.correlation);
         let factor = 1.0 - self.sigma / residual;
-        for ((f, s), c) in self.feasible.iter_mut().zip(iterate.coefficients).zip(iterate.correlation) {
-            *f = s + factor * c;
-        }
+        iterate.coefficients(&mut self.feasible);
+        self.feasible.iter_mut().zip(&self.correlation).for_each(|(f, c)| *f += factor * c);
         self.lower = self.lower.max(lower);
         self.upper = self.upper.min(self.norm.primal(&self.feasible));
         let gap = if self.upper > self.lower { (self.upper - self.lower) / self.upper } else { 0.0 };

@@ -48,21 +48,6 @@ pub fn partners(shape: [usize; 4]) -> Vec<u32> {
     partners
 }
 
-/// Where each entry of the half spectrum `[n0][n1][n2][n3 / 2 + 1]` (all axes in wrapped frequency order) finds its
-/// coefficient: the index of the real part, that of the imaginary part and the sign of the latter (0 where real).
-#[cfg(feature = "encode")]
-pub(super) fn half_spectrum_map(shape: [usize; 4]) -> Vec<(u32, u32, f64)> {
-    let mut map = Vec::new();
-    for_half_spectrum(shape, shape[3] / 2 + 1, |here, there| {
-        map.push(match here.cmp(&there) {
-            Ordering::Equal => (here as u32, here as u32, 0.0),
-            Ordering::Less => (here as u32, there as u32, 1.0),
-            Ordering::Greater => (there as u32, here as u32, -1.0),
-        });
-    });
-    map
-}
-
 pub(super) fn synthesize(axes: [&AxisTable; 4], values: &mut [f32], scratch: &mut Vec<f32>) {
     let shape = axes.map(|a| a.n);
     let half = shape[3] / 2 + 1;

@@ -62,7 +62,7 @@ fn norm_equals_that_of_spgl1_at_equal_residual() {
         let mut options = Options::default();
         (options.sigma_tolerance, options.bp_tolerance, options.gap_tolerance) = (1e-5, 1e-7, 1e-3);
         options.max_iterations = 3000;
-        let sigma = if factor == "0.0" { 0.0 } else { number(reached) };
+        let sigma = number(reached);
         let solution = bpdn(&mut op, &y, sigma, &norm, &options).unwrap();
         assert!(solution.reached_sigma(sigma), "{line}: {:?} {}", solution.stop, solution.residual_norm);
         let error = (solution.norm - number(l1)) / number(l1);

@@ -7,8 +7,9 @@
 //! whose minimiser needs no transform. Halving a curvilinear step would cost a transform a trial.
 
 use super::ball::Projector;
-use super::norm::Norm;
-use super::vector::{distance_squared, dot, move_towards, slope_and_length, step_from, subtract_from};
+use super::groups::Groups;
+use super::vector::{distance_squared, dot, move_towards, subtract_from};
+use super::working::Working;
 use super::{Iterate, Operator};
 
 /// Fraction of the linear decrease that a step must achieve (Armijo).
@@ -33,12 +34,10 @@ pub(super) enum Moved {
     NotFinite,
 }
 
-/// The iterate and what is known there. Buffers are made once; no step allocates.
-pub(super) struct Descent<'a, O: Operator + ?Sized> {
-    op: &'a mut O,
-    norm: &'a Norm,
-    /// The samples, ||y|| = 1.
-    y: &'a [f64],
+/// The iterate and what is known there. Coefficients are packed ([`Groups`]). Buffers are kept from solve to solve;
+/// no step allocates.
+#[derive(Debug, Default)]
+pub(super) struct State {
     projector: Projector,
     /// The iterate s.
     pub(super) s: Vec<f64>,
@@ -48,8 +47,21 @@ pub(super) struct Descent<'a, O: Operator + ?Sized> {
     pub(super) c: Vec<f64>,
     /// ||r||^2
     pub(super) rr: f64,
+    /// ||c||^2
+    pub(super) cc: f64,
+    /// Dual norm of c.
+    pub(super) dual: f64,
     trial_s: Vec<f64>,
     trial_r: Vec<f64>,
+    /// Coefficients in the order of the operator, and those packed over all groups.
+    unpacked: Vec<f64>,
+    packed: Vec<f64>,
+    magnitudes: Vec<f64>,
+    working: Working,
+    /// Whether `s`, `c` and their kin are over the working set, not over all groups.
+    pub(super) restricted: bool,
+    /// Whether `dual` and `cc` are those over all groups.
+    pub(super) complete: bool,
     /// Barzilai-Borwein step length.
     step: f64,
     first_step: f64,
@@ -62,103 +74,224 @@ pub(super) struct Descent<'a, O: Operator + ?Sized> {
     pub(super) transforms: usize,
 }
 
+/// A problem and the state of its solution.
+pub(super) struct Descent<'a, O: Operator + ?Sized> {
+    op: &'a mut O,
+    groups: &'a Groups,
+    /// The samples, ||y|| = 1.
+    y: &'a [f64],
+    pub(super) at: &'a mut State,
+}
+
 impl<'a, O: Operator + ?Sized> Descent<'a, O> {
     /// Starts at s = 0.
-    pub(super) fn new(op: &'a mut O, norm: &'a Norm, y: &'a [f64]) -> Self {
-        let (rows, cols) = (op.rows(), op.cols());
-        let rr = dot(y, y);
-        let mut descent = Descent {
-            op,
-            norm,
-            y,
-            projector: Projector::new(norm),
-            s: vec![0.0; cols],
-            r: y.to_vec(),
-            c: vec![0.0; cols],
-            rr,
-            trial_s: vec![0.0; cols],
-            trial_r: vec![0.0; rows],
-            step: 1.0,
-            first_step: 1.0,
-            lambda: 0.0,
-            history: [rr; HISTORY],
-            newest: 0,
-            transforms: 0,
+    pub(super) fn new(op: &'a mut O, groups: &'a Groups, y: &'a [f64], at: &'a mut State) -> Self {
+        let fill = |v: &mut Vec<f64>, n: usize| {
+            v.clear();
+            v.resize(n, 0.0);
         };
+        at.restricted = at.working.start(op, groups);
+        let entries = if at.restricted { 0 } else { groups.len() };
+        [&mut at.s, &mut at.c, &mut at.trial_s].into_iter().for_each(|v| fill(v, entries));
+        fill(&mut at.packed, groups.len());
+        fill(&mut at.magnitudes, groups.slots());
+        fill(&mut at.unpacked, op.cols());
+        fill(&mut at.trial_r, y.len());
+        at.r.clear();
+        at.r.extend_from_slice(y);
+        at.rr = dot(y, y);
+        (at.step, at.first_step, at.lambda) = (1.0, 1.0, 0.0);
+        at.history = [at.rr; HISTORY];
+        at.transforms = 0;
+        let mut descent = Descent { op, groups, y, at };
         descent.gradient();
+        descent.complete(usize::MAX);
         // At most 1 / ||A||^2; exactly that for orthonormal rows.
-        let first = rr / dot(&descent.c, &descent.c);
+        let first = descent.at.rr / descent.at.cc;
         if first.is_finite() && first > 0.0 {
-            (descent.step, descent.first_step) = (first, first);
+            (descent.at.step, descent.at.first_step) = (first, first);
         }
         descent
     }
 
-    /// Moves to the projection of `start` onto the ball of radius `tau` and forgets the search's history.
+    /// Moves to the projection of `start`, in the order of the operator, onto the ball of radius `tau`.
     pub(super) fn restart(&mut self, start: &[f64], tau: f64) {
-        self.s.copy_from_slice(start);
+        let at = &mut *self.at;
+        self.groups.pack(start, &mut at.packed);
+        if at.restricted {
+            at.working.cover(self.op, self.groups, &at.packed);
+            at.fit();
+            at.working.gather(&at.packed, &mut at.s);
+            if at.working.too_wide() {
+                self.leave_working_set();
+            }
+        } else {
+            at.s.copy_from_slice(&at.packed);
+        }
         self.shrink(tau);
     }
 
-    /// Projects the iterate onto the ball of radius `tau`, which may be smaller than before.
+    /// Projects the iterate onto the ball of radius `tau`, which may be smaller than before, and forgets the search's
+    /// history.
     pub(super) fn shrink(&mut self, tau: f64) {
-        self.projector.project(self.norm, &mut self.s, tau);
-        self.op.forward(&self.s, &mut self.r);
-        subtract_from(self.y, &mut self.r);
-        self.transforms += 1;
-        self.rr = dot(&self.r, &self.r);
-        self.history = [self.rr; HISTORY];
+        let at = &mut *self.at;
+        let groups = if at.restricted { &at.working.groups } else { self.groups };
+        at.projector.project(groups, &mut at.s, tau);
+        at.swap();
+        self.trial_residual();
+        let at = &mut *self.at;
+        at.swap();
+        at.rr = dot(&at.r, &at.r);
+        at.history = [at.rr; HISTORY];
+        self.gradient();
+    }
+
+    /// ||W s||_1
+    pub(super) fn norm(&self) -> f64 {
+        let groups = if self.at.restricted { &self.at.working.groups } else { self.groups };
+        groups.primal(&self.at.s)
+    }
+
+    /// The vector `set`, over the working set as it is or was before, over all groups.
+    pub(super) fn expand(&mut self, set: &mut Vec<f64>) {
+        self.at.working.scatter(set, &mut self.at.packed);
+        set.clone_from(&self.at.packed);
+    }
+
+    /// Looks at all groups, and takes into the working set those whose dual magnitude is above all those inside, up to
+    /// about `most` columns. `dual` and `cc` are those over all groups then. Returns the largest dual magnitude
+    /// outside before, relative to the largest one inside: 1 or less where nothing was missing.
+    pub(super) fn complete(&mut self, most: usize) -> f64 {
+        let at = &mut *self.at;
+        if at.complete {
+            return 1.0;
+        }
+        self.op.adjoint(&at.r, &mut at.unpacked);
+        at.transforms += 1;
+        self.groups.pack(&at.unpacked, &mut at.packed);
+        self.groups.magnitudes(&at.packed, &mut at.magnitudes);
+        let inside = at.dual;
+        (at.dual, at.cc) = self.groups.dual_and_square(&at.packed);
+        at.complete = true;
+        let empty = at.s.is_empty();
+        // At the start, the columns that the first samples can determine.
+        let most = if empty { at.r.len().max(32) } else { most };
+        let outside = at.working.grow(self.op, self.groups, &at.magnitudes, inside, most);
+        if outside > 0.0 {
+            at.fit();
+            at.working.gather(&at.packed, &mut at.c);
+        }
+        if at.working.too_wide() {
+            self.leave_working_set();
+        }
+        if empty { 1.0 } else { outside / inside }
+    }
+
+    /// Goes on over all groups.
+    fn leave_working_set(&mut self) {
+        let at = &mut *self.at;
+        at.working.scatter(&at.s, &mut at.packed);
+        at.s.clone_from(&at.packed);
+        at.restricted = false;
+        at.trial_s.resize(at.s.len(), 0.0);
+        at.c.resize(at.s.len(), 0.0);
         self.gradient();
     }
 
     /// One step within the ball of radius `tau`, which must hold the iterate.
     pub(super) fn step(&mut self, tau: f64) -> Moved {
-        step_from(&self.s, self.step, &self.c, &mut self.trial_s);
-        let guess = self.step * self.lambda;
-        self.lambda = self.projector.project_from(self.norm, &mut self.trial_s, tau, guess) / self.step;
-        let (slope, length_squared) = slope_and_length(&self.trial_s, &self.s, &self.c);
-        if !(slope.is_finite() && self.rr.is_finite()) {
+        let at = &mut *self.at;
+        let groups = if at.restricted { &at.working.groups } else { self.groups };
+        let taken = at.projector.step(groups, (&at.s, at.step, &at.c), tau, at.lambda, &mut at.trial_s);
+        at.lambda = taken.lambda;
+        if !(taken.slope.is_finite() && at.rr.is_finite()) {
             return Moved::NotFinite;
         }
-        if slope <= f64::EPSILON * self.rr {
+        if taken.slope <= f64::EPSILON * at.rr {
             return Moved::Stationary;
         }
 
-        self.op.forward(&self.trial_s, &mut self.trial_r);
-        subtract_from(self.y, &mut self.trial_r);
-        self.transforms += 1;
-        let trial_rr = dot(&self.trial_r, &self.trial_r);
-        let curvature = distance_squared(&self.trial_r, &self.r);
+        self.trial_residual();
+        let at = &mut *self.at;
+        let trial_rr = dot(&at.trial_r, &at.trial_r);
+        let curvature = distance_squared(&at.trial_r, &at.r);
         if !(trial_rr.is_finite() && curvature.is_finite()) {
             return Moved::NotFinite;
         }
-        let ceiling = self.history.iter().fold(0.0, |a: f64, &b| a.max(b));
-        if trial_rr <= ceiling - 2.0 * SUFFICIENT * slope {
-            std::mem::swap(&mut self.s, &mut self.trial_s);
-            std::mem::swap(&mut self.r, &mut self.trial_r);
-            self.rr = trial_rr;
+        let ceiling = at.history.iter().fold(0.0, |a: f64, &b| a.max(b));
+        if trial_rr <= ceiling - 2.0 * SUFFICIENT * taken.slope {
+            at.swap();
+            at.rr = trial_rr;
         } else {
-            let fraction = (slope / curvature).min(1.0);
-            move_towards(&mut self.s, &self.trial_s, fraction);
-            move_towards(&mut self.r, &self.trial_r, fraction);
-            self.rr = dot(&self.r, &self.r);
+            let fraction = (taken.slope / curvature).min(1.0);
+            move_towards(&mut at.s, &at.trial_s, fraction);
+            move_towards(&mut at.r, &at.trial_r, fraction);
+            at.rr = dot(&at.r, &at.r);
         }
-        let (shortest, longest) = (self.first_step / STEP_RANGE, self.first_step * STEP_RANGE);
-        self.step = if curvature > 0.0 { (length_squared / curvature).clamp(shortest, longest) } else { longest };
-        self.newest = (self.newest + 1) % HISTORY;
-        self.history[self.newest] = self.rr;
+        let (shortest, longest) = (at.first_step / STEP_RANGE, at.first_step * STEP_RANGE);
+        at.step = if curvature > 0.0 { (taken.length_squared / curvature).clamp(shortest, longest) } else { longest };
+        at.newest = (at.newest + 1) % HISTORY;
+        at.history[at.newest] = at.rr;
         self.gradient();
         Moved::Yes
     }
 
     /// Shows the iterate to the operator.
     pub(super) fn show(&mut self, iterations: usize) {
-        let (transforms, coefficients, residual, correlation) = (self.transforms, &self.s, &self.r, &self.c);
-        self.op.watch(&Iterate { iterations, transforms, coefficients, residual, correlation });
+        let (transforms, residual) = (self.at.transforms, &self.at.r);
+        self.op.watch(&Iterate { iterations, transforms, residual, state: self.at, groups: self.groups });
+    }
+
+    /// trial_r = y - A trial_s
+    fn trial_residual(&mut self) {
+        let at = &mut *self.at;
+        if at.restricted {
+            at.working.residual(self.y, &at.trial_s, &mut at.trial_r);
+            return;
+        }
+        self.groups.unpack(&at.trial_s, &mut at.unpacked);
+        self.op.forward(&at.unpacked, &mut at.trial_r);
+        subtract_from(self.y, &mut at.trial_r);
+        at.transforms += 1;
     }
 
     fn gradient(&mut self) {
-        self.op.adjoint(&self.r, &mut self.c);
-        self.transforms += 1;
+        let at = &mut *self.at;
+        at.complete = !at.restricted;
+        if at.restricted {
+            at.working.gradient(&at.r, &mut at.c);
+            (at.dual, at.cc) = at.working.groups.dual_and_square(&at.c);
+            return;
+        }
+        self.op.adjoint(&at.r, &mut at.unpacked);
+        self.groups.pack(&at.unpacked, &mut at.c);
+        at.transforms += 1;
+        (at.dual, at.cc) = self.groups.dual_and_square(&at.c);
+    }
+}
+
+impl State {
+    /// The trial point and the iterate change places.
+    fn swap(&mut self) {
+        std::mem::swap(&mut self.s, &mut self.trial_s);
+        std::mem::swap(&mut self.r, &mut self.trial_r);
+    }
+
+    /// The iterate in the order of the operator.
+    pub(super) fn unpack(&self, groups: &Groups, coefficients: &mut [f64]) {
+        assert_eq!(coefficients.len(), self.unpacked.len(), "coefficients");
+        if self.restricted {
+            let mut packed = vec![0.0; groups.len()];
+            self.working.scatter(&self.s, &mut packed);
+            groups.unpack(&packed, coefficients);
+        } else {
+            groups.unpack(&self.s, coefficients);
+        }
+    }
+
+    /// Vectors as long as the working set has grown.
+    fn fit(&mut self) {
+        let entries = self.working.groups.len();
+        [&mut self.s, &mut self.c, &mut self.trial_s].into_iter().for_each(|v| v.resize(entries, 0.0));
     }
 }

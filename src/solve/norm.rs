@@ -1,11 +1,13 @@
-//! The weighted l1 norm, of single coefficients or of the magnitudes of conjugate pairs.
+//! The weighted l1 norm, of single coefficients or of the magnitudes of groups of them.
 //!
 //! Coefficients are real vectors of an orthonormal representation. A Hermitian spectrum is held as pairs
 //! (sqrt 2 Re, sqrt 2 Im) and real singles (DC, Nyquist); the l1 norm of its complex magnitudes is then a sum over
-//! groups: weight |s_i| for a single, sqrt 2 weight hypot(s_i, s_j) for a pair. The Euclidean inner product stays the
-//! plain one, so the dual norm is the largest group magnitude over group weight.
+//! groups: weight |s_i| for a single, sqrt 2 weight hypot(s_i, s_j) for a pair. Channels that share their support are
+//! coupled by the same means: the group of coefficient k holds those of all channels, and real and imaginary parts.
+//! The Euclidean inner product stays the plain one, so the dual norm is the largest group magnitude over group weight.
 
-use super::vector::LANES;
+use super::groups::{Class, Groups};
+use super::vector::{max_abs, scale};
 use crate::error::{Error, Result};
 use std::f64::consts::SQRT_2;
 
@@ -19,26 +21,13 @@ const PAIR_TOLERANCE: f64 = 1e-9;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Norm {
     groups: Groups,
-    /// One weight per group, in the order of `groups`; that of a pair includes its sqrt 2.
-    weights: Vec<f64>,
-    /// 1 / weights
-    inverses: Vec<f64>,
     cols: usize,
-}
-
-/// Which coefficients share a magnitude.
-#[derive(Clone, Debug, PartialEq)]
-enum Groups {
-    /// Group i is coefficient i.
-    Plain,
-    /// The singles first, then the pairs.
-    Paired { singles: Vec<u32>, pairs: Vec<[u32; 2]> },
 }
 
 impl Norm {
     /// The plain l1 norm of `cols` coefficients: all weights 1, no pairs.
     pub fn l1(cols: usize) -> Norm {
-        Norm::from_groups(Groups::Plain, vec![1.0; cols], cols)
+        Norm::group(cols, 1, None, None).expect("no argument to refuse")
     }
 
     /// The norm of `cols` coefficients with `weights[i]` on coefficient i (all 1 if `None`) and `partner[i]` the other
@@ -48,6 +37,19 @@ impl Norm {
     /// `InvalidArgument` where a length is not `cols`, a weight is outside 1e-100 to 1e100, `partner` is not its own
     /// inverse, or the two halves of a pair differ in weight.
     pub fn new(cols: usize, weights: Option<&[f64]>, partner: Option<&[u32]>) -> Result<Norm> {
+        Norm::group(cols, 1, weights, partner)
+    }
+
+    /// The joint norm of `channels` times `cols` coefficients, `[channel][k]`: sum_k w_k ||(s_1k, .., s_Ck)||_2, which
+    /// makes the channels share their support. `weights` and `partner` are those of one channel, as in [`Norm::new`];
+    /// the group of a pair holds both its halves of all channels.
+    ///
+    /// # Errors
+    /// As [`Norm::new`], and where `channels` is 0.
+    pub fn group(cols: usize, channels: usize, weights: Option<&[f64]>, partner: Option<&[u32]>) -> Result<Norm> {
+        if channels == 0 {
+            return invalid("a norm over 0 channels".to_string());
+        }
         if let Some(w) = weights {
             if w.len() != cols {
                 return invalid(format!("{} weights for {cols} coefficients", w.len()));
@@ -57,47 +59,58 @@ impl Norm {
             }
         }
         let weight = |i: usize| weights.map_or(1.0, |w| w[i]);
-        let Some(partner) = partner else {
-            return Ok(Norm::from_groups(Groups::Plain, (0..cols).map(weight).collect(), cols));
-        };
-        if partner.len() != cols {
-            return invalid(format!("{} partners for {cols} coefficients", partner.len()));
-        }
         let (mut singles, mut pairs) = (Vec::new(), Vec::new());
         let (mut single_weights, mut pair_weights) = (Vec::new(), Vec::new());
-        for (i, &j) in partner.iter().enumerate() {
-            let (other, i_word) = (j as usize, i as u32);
-            if partner.get(other) != Some(&i_word) {
-                return invalid(format!("partner of {i} is {j}, whose partner is not {i}"));
+        match partner {
+            None => {
+                singles.extend(0..cols as u32);
+                single_weights.extend((0..cols).map(weight));
             }
-            if other == i {
-                singles.push(j);
-                single_weights.push(weight(i));
-            } else if i < other {
-                if (weight(i) - weight(other)).abs() > PAIR_TOLERANCE * weight(i) {
-                    return invalid(format!("pair {i}, {j} has weights {} and {}", weight(i), weight(other)));
+            Some(partner) if partner.len() != cols => {
+                return invalid(format!("{} partners for {cols} coefficients", partner.len()));
+            }
+            Some(partner) => {
+                for (i, &j) in partner.iter().enumerate() {
+                    let (other, i_word) = (j as usize, i as u32);
+                    if partner.get(other) != Some(&i_word) {
+                        return invalid(format!("partner of {i} is {j}, whose partner is not {i}"));
+                    }
+                    if other == i {
+                        singles.push(j);
+                        single_weights.push(weight(i));
+                    } else if i < other {
+                        if (weight(i) - weight(other)).abs() > PAIR_TOLERANCE * weight(i) {
+                            return invalid(format!("pair {i}, {j} has weights {} and {}", weight(i), weight(other)));
+                        }
+                        pairs.push([i_word, j]);
+                        pair_weights.push(SQRT_2 * weight(i));
+                    }
                 }
-                pairs.push([i_word, j]);
-                pair_weights.push(SQRT_2 * weight(i));
             }
         }
-        single_weights.extend(pair_weights);
-        Ok(Norm::from_groups(Groups::Paired { singles, pairs }, single_weights, cols))
+        // Member after member: channel after channel, and of pairs the first halves before the second ones.
+        let of_channel = |c: usize| move |&k: &u32| (c * cols) as u32 + k;
+        let singles: Vec<Vec<u32>> = (0..channels).map(|c| singles.iter().map(of_channel(c)).collect()).collect();
+        let pairs: Vec<Vec<u32>> =
+            (0..2 * channels).map(|m| pairs.iter().map(|pair| of_channel(m / 2)(&pair[m % 2])).collect()).collect();
+        let classes = [Class::new(singles, single_weights), Class::new(pairs, pair_weights)];
+        let cols = cols * channels;
+        Ok(Norm { groups: Groups::new(classes.into_iter().filter(|c| !c.is_empty()), cols), cols })
     }
 
-    fn from_groups(groups: Groups, weights: Vec<f64>, cols: usize) -> Norm {
-        let inverses = weights.iter().map(|w| 1.0 / w).collect();
-        Norm { groups, weights, inverses, cols }
-    }
-
-    /// Number of coefficients.
+    /// Number of coefficients, all channels counted.
     pub fn cols(&self) -> usize {
         self.cols
     }
 
-    /// Number of groups: coefficients, less one for each pair.
+    /// Number of groups.
     pub fn groups(&self) -> usize {
-        self.weights.len()
+        self.groups.count()
+    }
+
+    /// The groups in the order in which the solver holds them.
+    pub(super) fn packing(&self) -> &Groups {
+        &self.groups
     }
 
     /// ||W s||_1. `s` has [`Norm::cols`] entries, as in all methods.
@@ -105,149 +118,50 @@ impl Norm {
     /// # Panics
     /// This and all other methods panic where a slice's length is not [`Norm::cols`].
     pub fn primal(&self, s: &[f64]) -> f64 {
-        self.fold(s, &self.weights, |sum, magnitude, weight| sum + weight * magnitude).iter().sum()
+        let (packed, unit) = self.packed_unit(s);
+        self.groups.primal(&packed) * unit
     }
 
     /// The dual norm: the largest group magnitude over group weight, max { <g, s> : ||W s||_1 <= 1 }.
-    /// Zero where there are no coefficients; NaN entries are passed over.
+    /// Zero where there are no coefficients.
     pub fn dual(&self, g: &[f64]) -> f64 {
-        // Comparisons, not f64::max: they compile to one vector instruction.
-        let larger = |a: f64, b: f64| if b > a { b } else { a };
-        self.fold(g, &self.inverses, |largest, magnitude, inverse| larger(largest, magnitude * inverse))
-            .into_iter()
-            .fold(0.0, larger)
+        let (packed, unit) = self.packed_unit(g);
+        self.groups.dual_and_square(&packed).0 * unit
     }
 
     /// The proximal map of lambda ||W s||_1, in place: every group magnitude m becomes max(m - lambda weight, 0).
     pub fn soft_threshold(&self, s: &mut [f64], lambda: f64) {
+        let (mut packed, unit) = self.packed_unit(s);
+        let mut magnitudes = vec![0.0; self.groups.slots()];
+        self.groups.magnitudes(&packed, &mut magnitudes);
+        self.groups.shrink(&mut packed, &magnitudes, lambda / unit);
+        scale(&mut packed, unit);
+        self.groups.unpack(&packed, s);
+    }
+
+    /// Flags the coefficients of the groups whose magnitude is above `threshold` times the largest one.
+    pub(super) fn support(&self, s: &[f64], threshold: f64) -> Vec<bool> {
+        let (packed, _) = self.packed_unit(s);
+        let mut magnitudes = vec![0.0; self.groups.slots()];
+        self.groups.magnitudes(&packed, &mut magnitudes);
+        let largest = max_abs(&magnitudes);
+        let mut flags = vec![1.0; self.groups.len()];
+        self.groups.keep_above(&mut flags, &magnitudes, threshold * largest);
+        let mut unpacked = vec![0.0; self.cols];
+        self.groups.unpack(&flags, &mut unpacked);
+        unpacked.iter().map(|&v| v != 0.0).collect()
+    }
+
+    /// `s` in the solver's order and divided by its largest magnitude, so that no square leaves the range; with it.
+    fn packed_unit(&self, s: &[f64]) -> (Vec<f64>, f64) {
         assert_eq!(s.len(), self.cols);
-        match &self.groups {
-            Groups::Plain => {
-                for (v, &w) in s.iter_mut().zip(&self.weights) {
-                    *v = (v.abs() - lambda * w).max(0.0).copysign(*v);
-                }
-            }
-            Groups::Paired { singles, pairs } => {
-                let (single_weights, pair_weights) = self.weights.split_at(singles.len());
-                for (&i, &w) in singles.iter().zip(single_weights) {
-                    let v = &mut s[i as usize];
-                    *v = (v.abs() - lambda * w).max(0.0).copysign(*v);
-                }
-                for (&[i, j], &w) in pairs.iter().zip(pair_weights) {
-                    let (i, j) = (i as usize, j as usize);
-                    let threshold = lambda * w;
-                    // Most pairs vanish, and this bound of the magnitude spares them the square root.
-                    if s[i].abs() + s[j].abs() <= threshold {
-                        (s[i], s[j]) = (0.0, 0.0);
-                        continue;
-                    }
-                    let magnitude = pair_magnitude(s[i], s[j]);
-                    let kept = magnitude - threshold;
-                    let factor = if kept > 0.0 { kept / magnitude } else { 0.0 };
-                    s[i] *= factor;
-                    s[j] *= factor;
-                }
-            }
-        }
+        let largest = max_abs(s);
+        let unit = if largest > 0.0 && largest.is_finite() { largest } else { 1.0 };
+        let mut packed = vec![0.0; self.groups.len()];
+        self.groups.pack(s, &mut packed);
+        packed.iter_mut().for_each(|v| *v /= unit);
+        (packed, unit)
     }
-
-    /// Weight of every group, in the order of [`Norm::magnitudes`].
-    pub(super) fn weights(&self) -> &[f64] {
-        &self.weights
-    }
-
-    /// Writes every group's magnitude.
-    pub(super) fn magnitudes(&self, s: &[f64], magnitudes: &mut [f64]) {
-        assert_eq!(s.len(), self.cols);
-        assert_eq!(magnitudes.len(), self.weights.len());
-        match &self.groups {
-            Groups::Plain => {
-                for (m, v) in magnitudes.iter_mut().zip(s) {
-                    *m = v.abs();
-                }
-            }
-            Groups::Paired { singles, pairs } => {
-                let (of_singles, of_pairs) = magnitudes.split_at_mut(singles.len());
-                for (m, &i) in of_singles.iter_mut().zip(singles) {
-                    *m = s[i as usize].abs();
-                }
-                let (m_lanes, m_rest) = of_pairs.as_chunks_mut::<LANES>();
-                let (p_lanes, p_rest) = pairs.as_chunks::<LANES>();
-                for (m, p) in m_lanes.iter_mut().zip(p_lanes) {
-                    *m = pair_magnitudes(p, s);
-                }
-                for (m, &[i, j]) in m_rest.iter_mut().zip(p_rest) {
-                    *m = pair_magnitude(s[i as usize], s[j as usize]);
-                }
-            }
-        }
-    }
-
-    /// Folds `f(so far, magnitude, weight)` over the groups and their `weights`, in independent lanes from 0.
-    #[inline(always)]
-    fn fold(&self, s: &[f64], weights: &[f64], f: impl Fn(f64, f64, f64) -> f64) -> [f64; LANES] {
-        assert_eq!(s.len(), self.cols);
-        let mut lanes = [0.0; LANES];
-        match &self.groups {
-            Groups::Plain => {
-                let (s_lanes, s_rest) = s.as_chunks::<LANES>();
-                let (w_lanes, w_rest) = weights.as_chunks::<LANES>();
-                for (v, w) in s_lanes.iter().zip(w_lanes) {
-                    for k in 0..LANES {
-                        lanes[k] = f(lanes[k], v[k].abs(), w[k]);
-                    }
-                }
-                for (v, &w) in s_rest.iter().zip(w_rest) {
-                    lanes[0] = f(lanes[0], v.abs(), w);
-                }
-            }
-            Groups::Paired { singles, pairs } => {
-                let (single_weights, pair_weights) = weights.split_at(singles.len());
-                for (&i, &w) in singles.iter().zip(single_weights) {
-                    lanes[0] = f(lanes[0], s[i as usize].abs(), w);
-                }
-                let (p_lanes, p_rest) = pairs.as_chunks::<LANES>();
-                let (w_lanes, w_rest) = pair_weights.as_chunks::<LANES>();
-                for (p, w) in p_lanes.iter().zip(w_lanes) {
-                    let magnitudes = pair_magnitudes(p, s);
-                    for k in 0..LANES {
-                        lanes[k] = f(lanes[k], magnitudes[k], w[k]);
-                    }
-                }
-                for (&[i, j], &w) in p_rest.iter().zip(w_rest) {
-                    lanes[0] = f(lanes[0], pair_magnitude(s[i as usize], s[j as usize]), w);
-                }
-            }
-        }
-        lanes
-    }
-}
-
-/// sqrt(a^2 + b^2); the slow, scaled form only where a square would leave the range.
-fn pair_magnitude(a: f64, b: f64) -> f64 {
-    let squared = a * a + b * b;
-    if squared > 1e-280 && squared < 1e300 { squared.sqrt() } else { a.hypot(b) }
-}
-
-/// [`pair_magnitude`] of several pairs.
-#[inline(always)]
-fn pair_magnitudes(pairs: &[[u32; 2]; LANES], s: &[f64]) -> [f64; LANES] {
-    let (mut a, mut b, mut magnitudes) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-    for (k, &[i, j]) in pairs.iter().enumerate() {
-        (a[k], b[k]) = (s[i as usize], s[j as usize]);
-    }
-    let mut exact = true;
-    for k in 0..LANES {
-        let squared = a[k] * a[k] + b[k] * b[k];
-        exact &= (squared > 1e-280) & (squared < 1e300) | (a[k].abs() + b[k].abs() == 0.0);
-        magnitudes[k] = squared.sqrt();
-    }
-    if !exact {
-        for k in 0..LANES {
-            magnitudes[k] = a[k].hypot(b[k]);
-        }
-    }
-    magnitudes
 }
 
 fn invalid<T>(what: String) -> Result<T> {
@@ -306,11 +220,7 @@ mod tests {
         let norm = Norm::new(18, None, Some(&(0..18u32).map(|i| i ^ 1).collect::<Vec<_>>())).unwrap();
         for size in [1e-300, 1e-160, 1.0, 1e160, 1e300] {
             let s = [size; 18];
-            let mut magnitudes = [0.0; 9];
-            norm.magnitudes(&s, &mut magnitudes);
-            for m in magnitudes {
-                assert!((m / size - SQRT_2).abs() < 1e-15);
-            }
+            assert!((norm.primal(&s) / size / (9.0 * SQRT_2 * SQRT_2) - 1.0).abs() < 1e-15);
             assert!((norm.dual(&s) / size - 1.0).abs() < 1e-15);
         }
         let mut s = [0.0; 18];

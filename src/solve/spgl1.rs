@@ -9,7 +9,7 @@
 
 use super::Operator;
 use super::norm::Norm;
-use super::pareto::{self, Outcome, TAU_LIMIT};
+use super::pareto::{self, Outcome, Search, TAU_LIMIT};
 use super::vector::{dot, max_abs, scale};
 use crate::error::{Error, Result};
 use std::time::Instant;
@@ -127,7 +127,7 @@ pub fn bpdn<O: Operator + ?Sized>(
     norm: &Norm,
     options: &Options,
 ) -> Result<Solution> {
-    solve_bpdn(op, y, sigma, norm, options, None)
+    Solver::default().bpdn(op, y, sigma, norm, options, None)
 }
 
 /// [`bpdn`] from the coefficients `start` instead of zero, for instance the solution at another sigma.
@@ -142,10 +142,7 @@ pub fn bpdn_from<O: Operator + ?Sized>(
     options: &Options,
     start: &[f64],
 ) -> Result<Solution> {
-    if start.len() != norm.cols() || !max_abs(start).is_finite() {
-        return invalid(format!("the start needs {} finite coefficients", norm.cols()));
-    }
-    solve_bpdn(op, y, sigma, norm, options, Some(start))
+    Solver::default().bpdn(op, y, sigma, norm, options, Some(start))
 }
 
 /// LASSO: min ||y - A s||_2 subject to ||W s||_1 <= `tau`, `tau` >= 0 in the unit of y. The point of smallest residual
@@ -160,75 +157,105 @@ pub fn lasso<O: Operator + ?Sized>(
     norm: &Norm,
     options: &Options,
 ) -> Result<Solution> {
-    check(op, y, norm, options)?;
-    if tau.is_nan() || tau < 0.0 {
-        return invalid(format!("tau is {tau}; it must be 0 or more"));
-    }
-    let problem = Problem::new(y, norm);
-    if !problem.length.is_finite() {
-        return Ok(problem.zero(Stop::NotFinite, 0.0));
-    }
-    let tolerance = options.bp_tolerance;
-    if tau == 0.0 || problem.length == 0.0 {
-        return Ok(problem.zero(Stop::ZeroIsFeasible, tolerance * problem.length));
-    }
-    let tau = (tau / problem.length).clamp(f64::MIN_POSITIVE, TAU_LIMIT);
-    let outcome = pareto::lasso(op, &problem.unit, tau, tolerance, norm, options);
-    Ok(problem.finish(outcome, tolerance))
+    Solver::default().lasso(op, y, tau, norm, options)
 }
 
-fn solve_bpdn<O: Operator + ?Sized>(
-    op: &mut O,
-    y: &[f64],
-    sigma: f64,
-    norm: &Norm,
-    options: &Options,
-    start: Option<&[f64]>,
-) -> Result<Solution> {
-    check(op, y, norm, options)?;
-    if sigma.is_nan() || sigma < 0.0 {
-        return invalid(format!("sigma is {sigma}; it must be 0 or more"));
+/// The solver with its buffers, for many solves: but for the coefficients returned, nothing is allocated again while
+/// sizes stay the same. Results do not depend on what was solved before.
+#[derive(Debug, Default)]
+pub struct Solver {
+    search: Search,
+    /// y / ||y||
+    unit: Vec<f64>,
+    /// The start, over ||y||.
+    start: Vec<f64>,
+}
+
+impl Solver {
+    /// [`bpdn`], or [`bpdn_from`] where there is a start.
+    ///
+    /// # Errors
+    /// As those.
+    pub fn bpdn<O: Operator + ?Sized>(
+        &mut self,
+        op: &mut O,
+        y: &[f64],
+        sigma: f64,
+        norm: &Norm,
+        options: &Options,
+        start: Option<&[f64]>,
+    ) -> Result<Solution> {
+        check(op, y, norm, options)?;
+        if sigma.is_nan() || sigma < 0.0 {
+            return invalid(format!("sigma is {sigma}; it must be 0 or more"));
+        }
+        if start.is_some_and(|s| s.len() != norm.cols() || !max_abs(s).is_finite()) {
+            return invalid(format!("the start needs {} finite coefficients", norm.cols()));
+        }
+        let problem = Problem::new(y, norm, &mut self.unit);
+        if !problem.length.is_finite() {
+            return Ok(problem.zero(Stop::NotFinite, 0.0));
+        }
+        if sigma >= problem.length {
+            return Ok(problem.zero(Stop::ZeroIsFeasible, 0.0));
+        }
+        let sigma = sigma / problem.length;
+        let tolerance = (options.sigma_tolerance * sigma).max(options.bp_tolerance);
+        self.start.clear();
+        self.start.extend(start.unwrap_or_default().iter().map(|v| v / problem.length));
+        // A start that overflows in units of the data tells nothing about them.
+        let start = (start.is_some() && max_abs(&self.start) < TAU_LIMIT)
+            .then(|| (self.start.as_slice(), norm.primal(&self.start)));
+        let (search, groups) = (&mut self.search, norm.packing());
+        let outcome = pareto::bpdn(search, op, &self.unit, (sigma, tolerance), groups, options, start);
+        Ok(problem.finish(outcome, &self.search.best, tolerance))
     }
-    let problem = Problem::new(y, norm);
-    if !problem.length.is_finite() {
-        return Ok(problem.zero(Stop::NotFinite, 0.0));
+
+    /// [`lasso`].
+    ///
+    /// # Errors
+    /// As that.
+    pub fn lasso<O: Operator + ?Sized>(
+        &mut self,
+        op: &mut O,
+        y: &[f64],
+        tau: f64,
+        norm: &Norm,
+        options: &Options,
+    ) -> Result<Solution> {
+        check(op, y, norm, options)?;
+        if tau.is_nan() || tau < 0.0 {
+            return invalid(format!("tau is {tau}; it must be 0 or more"));
+        }
+        let problem = Problem::new(y, norm, &mut self.unit);
+        if !problem.length.is_finite() {
+            return Ok(problem.zero(Stop::NotFinite, 0.0));
+        }
+        let tolerance = options.bp_tolerance;
+        if tau == 0.0 || problem.length == 0.0 {
+            return Ok(problem.zero(Stop::ZeroIsFeasible, tolerance * problem.length));
+        }
+        let tau = (tau / problem.length).clamp(f64::MIN_POSITIVE, TAU_LIMIT);
+        let (search, groups) = (&mut self.search, norm.packing());
+        let outcome = pareto::lasso(search, op, &self.unit, tau, tolerance, groups, options);
+        Ok(problem.finish(outcome, &self.search.best, tolerance))
     }
-    if sigma >= problem.length {
-        return Ok(problem.zero(Stop::ZeroIsFeasible, 0.0));
-    }
-    let sigma = sigma / problem.length;
-    let tolerance = (options.sigma_tolerance * sigma).max(options.bp_tolerance);
-    let start: Option<Vec<f64>> = start.map(|s| s.iter().map(|v| v / problem.length).collect());
-    // A start that overflows in units of the data tells nothing about them.
-    let start = start.filter(|s| max_abs(s) < TAU_LIMIT);
-    let outcome = pareto::bpdn(op, &problem.unit, sigma, tolerance, norm, options, start.as_deref());
-    Ok(problem.finish(outcome, tolerance))
 }
 
 /// The samples as a direction and a length.
 struct Problem<'a> {
     norm: &'a Norm,
-    /// y / ||y||
-    unit: Vec<f64>,
     /// ||y||; infinite or NaN if y is not finite or its norm overflows.
     length: f64,
     begin: Instant,
 }
 
 impl<'a> Problem<'a> {
-    fn new(y: &[f64], norm: &'a Norm) -> Self {
+    /// Sets `unit` to y / ||y||.
+    fn new(y: &[f64], norm: &'a Norm, unit: &mut Vec<f64>) -> Self {
         let begin = Instant::now();
-        let largest = max_abs(y);
-        let mut unit = y.to_vec();
-        let mut length = largest;
-        if largest > 0.0 && largest.is_finite() {
-            // In two steps: neither squares nor the reciprocal of a denormal may overflow.
-            unit.iter_mut().for_each(|v| *v /= largest);
-            let relative = dot(&unit, &unit).sqrt();
-            unit.iter_mut().for_each(|v| *v /= relative);
-            length = largest * relative;
-        }
-        Problem { norm, unit, length, begin }
+        let length = normalize(y, unit);
+        Problem { norm, length, begin }
     }
 
     /// The zero solution.
@@ -249,8 +276,9 @@ impl<'a> Problem<'a> {
     }
 
     /// The outcome in the unit of y.
-    fn finish(self, outcome: Outcome, tolerance: f64) -> Solution {
-        let mut coefficients = outcome.s;
+    fn finish(self, outcome: Outcome, best: &[f64], tolerance: f64) -> Solution {
+        let mut coefficients = vec![0.0; self.norm.cols()];
+        self.norm.packing().unpack(best, &mut coefficients);
         scale(&mut coefficients, self.length);
         let norm = self.norm.primal(&coefficients);
         let (iterations, transforms) = (outcome.iterations, outcome.transforms);
@@ -271,6 +299,21 @@ impl<'a> Problem<'a> {
     }
 }
 
+/// Sets `unit` to y / ||y||, or to y where that is zero or not finite, and returns ||y||.
+pub(super) fn normalize(y: &[f64], unit: &mut Vec<f64>) -> f64 {
+    unit.clear();
+    unit.extend_from_slice(y);
+    let largest = max_abs(y);
+    if !(largest > 0.0 && largest.is_finite()) {
+        return largest;
+    }
+    // In two steps: neither squares nor the reciprocal of a denormal may overflow.
+    unit.iter_mut().for_each(|v| *v /= largest);
+    let relative = dot(unit, unit).sqrt();
+    unit.iter_mut().for_each(|v| *v /= relative);
+    largest * relative
+}
+
 fn check<O: Operator + ?Sized>(op: &O, y: &[f64], norm: &Norm, options: &Options) -> Result<()> {
     if y.len() != op.rows() {
         return invalid(format!("{} samples for an operator of {} rows", y.len(), op.rows()));
@@ -287,6 +330,6 @@ fn check<O: Operator + ?Sized>(op: &O, y: &[f64], norm: &Norm, options: &Options
     Ok(())
 }
 
-fn invalid<T>(what: String) -> Result<T> {
+pub(super) fn invalid<T>(what: String) -> Result<T> {
     Err(Error::InvalidArgument(what))
 }

@@ -41,6 +41,20 @@ impl Dense {
     }
 }
 
+impl Dense {
+    /// The same matrix for each of several channels: samples and coefficients are `[channel][..]`.
+    pub(super) fn channels(&self, channels: usize) -> Dense {
+        let (rows, wide) = (self.matrix.len() / self.cols, self.cols * channels);
+        let mut matrix = vec![0.0; rows * channels * wide];
+        for c in 0..channels {
+            for (i, row) in self.matrix.chunks(self.cols).enumerate() {
+                matrix[(c * rows + i) * wide + c * self.cols..][..self.cols].copy_from_slice(row);
+            }
+        }
+        Dense { cols: wide, matrix }
+    }
+}
+
 impl Operator for Dense {
     fn rows(&self) -> usize {
         self.matrix.len() / self.cols

@@ -13,34 +13,6 @@ pub(super) fn distance_squared(a: &[f64], b: &[f64]) -> f64 {
     sum(a, b, |x, y| (x - y) * (x - y))
 }
 
-/// (<c, to - from>, ||to - from||^2) in one pass.
-pub(super) fn slope_and_length(to: &[f64], from: &[f64], c: &[f64]) -> (f64, f64) {
-    let (mut slope, mut length) = ([0.0; LANES], [0.0; LANES]);
-    let (to_lanes, to_rest) = to.as_chunks::<LANES>();
-    let (from_lanes, from_rest) = from.as_chunks::<LANES>();
-    let (c_lanes, c_rest) = c.as_chunks::<LANES>();
-    for ((t, f), c) in to_lanes.iter().zip(from_lanes).zip(c_lanes) {
-        for k in 0..LANES {
-            let d = t[k] - f[k];
-            slope[k] += c[k] * d;
-            length[k] += d * d;
-        }
-    }
-    for ((t, f), c) in to_rest.iter().zip(from_rest).zip(c_rest) {
-        let d = t - f;
-        slope[0] += c * d;
-        length[0] += d * d;
-    }
-    (slope.iter().sum(), length.iter().sum())
-}
-
-/// out = s + step * c
-pub(super) fn step_from(s: &[f64], step: f64, c: &[f64], out: &mut [f64]) {
-    for ((o, s), c) in out.iter_mut().zip(s).zip(c) {
-        *o = s + step * c;
-    }
-}
-
 /// v = y - v
 pub(super) fn subtract_from(y: &[f64], v: &mut [f64]) {
     for (v, y) in v.iter_mut().zip(y) {
@@ -95,10 +67,8 @@ mod tests {
             let b: Vec<f64> = (0..n).map(|i| 2.0 * i as f64).collect();
             let product: f64 = a.iter().zip(&b).map(|(x, y)| x * y).sum();
             let apart: f64 = a.iter().zip(&b).map(|(x, y)| (x - y).powi(2)).sum();
-            let slope: f64 = a.iter().zip(&b).map(|(x, y)| (x - y) * x).sum();
             assert_eq!(dot(&a, &b), product);
             assert_eq!(distance_squared(&a, &b), apart);
-            assert_eq!(slope_and_length(&a, &b, &a), (slope, apart));
         }
     }
 

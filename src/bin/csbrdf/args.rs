@@ -37,6 +37,9 @@ pub enum Command {
     /// Compress MERL .binary tables into .csbrdf files
     #[command(after_help = EXIT_CODES)]
     Encode(EncodeArgs),
+    /// List what to measure, for encode --samples
+    #[command(after_help = EXIT_CODES)]
+    Plan(PlanArgs),
     /// Write the table of a .csbrdf file, or one block of it
     #[command(after_help = EXIT_CODES)]
     Decode(DecodeArgs),
@@ -67,8 +70,15 @@ pub enum Command {
 #[derive(Debug, Args)]
 pub struct EncodeArgs {
     /// MERL .binary tables, or - for standard input
-    #[arg(required = true, value_name = "INPUT")]
+    #[arg(required_unless_present = "samples", conflicts_with = "samples", value_name = "INPUT")]
     pub inputs: Vec<PathBuf>,
+    /// A list of measurements in place of a table, or - for standard input: CSV as of `csbrdf plan` with columns r, g, b in
+    /// 1/sr. All of it is sampled, all else filled in
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["sampling", "seed"])]
+    pub samples: Option<PathBuf>,
+    /// Bins of phi_d of the list: 180, or 360 without reciprocity [default: as the list's first line says, else 180]
+    #[arg(long, value_name = "BINS", value_parser = ["180", "360"], conflicts_with = "inputs")]
+    pub grid: Option<String>,
     /// Output file, - for standard output; if not given, the input's name with .csbrdf, beside it
     #[arg(short, long, value_name = "OUT", conflicts_with = "out_dir")]
     pub output: Option<PathBuf>,
@@ -113,6 +123,35 @@ pub struct EncodeArgs {
     #[arg(long, value_name = "KEY=VALUE", value_parser = key_value)]
     pub meta: Vec<(String, String)>,
     /// Replace files that exist
+    #[arg(long, short)]
+    pub force: bool,
+}
+
+/// Arguments of `plan`.
+#[derive(Debug, Args)]
+pub struct PlanArgs {
+    /// Output file, - for standard output, the default. CSV: bins, angles in degrees, unit vectors with z along the normal
+    #[arg(short, long, value_name = "OUT")]
+    pub output: Option<PathBuf>,
+    /// Share of the bins to measure: 0 to 1, or with %
+    #[arg(long, visible_alias = "ratio", value_name = "RATIO", default_value = "5%", value_parser = ratio)]
+    pub sampling: f64,
+    /// Seed of the draw
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+    /// Block lengths along theta_h, theta_d, phi_d: the draw is block by block, that of encode with the same lengths
+    #[arg(long, visible_alias = "block-shape", value_name = "I,J,K", default_value = "15,15,15", value_parser = lengths)]
+    pub block: List,
+    /// Bins of phi_d: 180, or 360 without reciprocity [default: as the table given, else 180]
+    #[arg(long, value_name = "BINS", value_parser = ["180", "360"])]
+    pub grid: Option<String>,
+    /// Only bins that this table has: a MERL .binary table or a .csbrdf file
+    #[arg(long, value_name = "TABLE")]
+    pub valid: Option<PathBuf>,
+    /// Add the values of this table, -1 where it has none, as if they had been measured
+    #[arg(long, value_name = "TABLE")]
+    pub fill: Option<PathBuf>,
+    /// Replace the file if it exists
     #[arg(long, short)]
     pub force: bool,
 }

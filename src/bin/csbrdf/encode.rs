@@ -20,6 +20,7 @@ use crate::failure::{Failure, Outcome, note};
 use crate::input::{self, is_dash, label};
 use crate::output::Target;
 use crate::text::{clean, error_figure, grouped};
+use crate::{plan, samples};
 
 /// No progress bar for less work than this.
 const PATIENCE: Duration = Duration::from_millis(700);
@@ -34,14 +35,15 @@ struct Done {
 }
 
 pub fn run(args: &EncodeArgs, quiet: bool) -> Outcome {
-    let targets = targets(args)?;
+    let inputs = args.samples.as_ref().map_or(&args.inputs[..], std::slice::from_ref);
+    let targets = targets(args, inputs)?;
     let encoder = encoder(args);
     let metadata = metadata(&args.meta)?;
     if let Some(folder) = &args.out_dir {
         std::fs::create_dir_all(folder).map_err(|e| Failure::io(folder, &e))?;
     }
-    if let ([input], [target]) = (&args.inputs[..], &targets[..]) {
-        let done = encode(input, target, &encoder, &metadata, args.force, quiet)?;
+    if let ([input], [target]) = (inputs, &targets[..]) {
+        let done = encode(input, target, &encoder, &metadata, args, quiet)?;
         if !quiet {
             note(&format!(
                 "{} -> {target}: {} bytes, {:.1}:1, log rms {}, max {}, {:.2} s",
@@ -57,8 +59,8 @@ pub fn run(args: &EncodeArgs, quiet: bool) -> Outcome {
     }
     let mut results = Vec::new();
     let mut first_failure = None;
-    for (input, target) in args.inputs.iter().zip(&targets) {
-        let result = encode(input, target, &encoder, &metadata, args.force, quiet);
+    for (input, target) in inputs.iter().zip(&targets) {
+        let result = encode(input, target, &encoder, &metadata, args, quiet);
         if let Err(failure) = &result {
             failure.report();
         }
@@ -71,18 +73,18 @@ pub fn run(args: &EncodeArgs, quiet: bool) -> Outcome {
 }
 
 /// Where each input's file goes.
-fn targets(args: &EncodeArgs) -> Result<Vec<Target>, Failure> {
+fn targets(args: &EncodeArgs, inputs: &[PathBuf]) -> Result<Vec<Target>, Failure> {
     if let Some(output) = &args.output {
-        if args.inputs.len() > 1 {
+        if inputs.len() > 1 {
             return Err(Failure::usage("-o names one output for several inputs; use --out-dir DIR"));
         }
         return Ok(vec![Target::of(output)]);
     }
     let mut taken: HashMap<PathBuf, &Path> = HashMap::new();
     let mut targets = Vec::new();
-    for input in &args.inputs {
+    for input in inputs {
         if is_dash(input) {
-            if args.inputs.len() > 1 {
+            if inputs.len() > 1 {
                 return Err(Failure::usage("standard input cannot be one of several inputs"));
             }
             if args.out_dir.is_some() {
@@ -114,6 +116,9 @@ pub fn encoder(args: &EncodeArgs) -> Encoder {
         PresetArg::Archive => Preset::Archive,
         PresetArg::Paper => Preset::Paper,
     });
+    if args.samples.is_some() {
+        encoder = encoder.sampling(Sampling::Every);
+    }
     if let Some(step) = args.quality {
         encoder = encoder.quality(step);
     }
@@ -192,6 +197,12 @@ pub fn metadata(pairs: &[(String, String)]) -> Result<Metadata, Failure> {
 /// A MERL table's bytes as a table and the metadata of its file.
 pub fn parse(input: &Path, bytes: &[u8], metadata: &Metadata) -> Result<(BrdfTable, Metadata), Failure> {
     let table = read_merl(bytes).map_err(|e| Failure::in_file(input, &e))?;
+    let metadata = describe(input, bytes, &table, metadata)?;
+    Ok((table, metadata))
+}
+
+/// The metadata of a table's file: that given, and the input's name and hash. A table without valid entries fails.
+fn describe(input: &Path, bytes: &[u8], table: &BrdfTable, metadata: &Metadata) -> Result<Metadata, Failure> {
     if table.valid_count() == 0 {
         let what = "no entry is valid: all are negative, NaN or infinite; there is nothing to encode";
         return Err(Failure::bad_input(input, what));
@@ -203,7 +214,7 @@ pub fn parse(input: &Path, bytes: &[u8], metadata: &Metadata) -> Result<(BrdfTab
         metadata.source_file = metadata.source_file.or_else(|| text(input.file_name()));
         metadata.name = metadata.name.or_else(|| text(input.file_stem()));
     }
-    Ok((table, metadata))
+    Ok(metadata)
 }
 
 fn encode(
@@ -211,16 +222,23 @@ fn encode(
     target: &Target,
     encoder: &Encoder,
     metadata: &Metadata,
-    force: bool,
+    args: &EncodeArgs,
     quiet: bool,
 ) -> Result<Done, Failure> {
     let start = Instant::now();
     let source = input::read(input)?;
     let bytes = source.as_ref();
-    let size = bytes.len();
-    input::expect_merl(input, bytes)?;
-    target.check(force)?;
-    let (table, metadata) = parse(input, bytes, metadata)?;
+    target.check(args.force)?;
+    let (table, metadata) = if args.samples.is_some() {
+        let table = samples::table(input, bytes, args.grid.as_deref().map(plan::merl), quiet)?;
+        let metadata = describe(input, bytes, &table, metadata)?;
+        (table, metadata)
+    } else {
+        input::expect_merl(input, bytes)?;
+        parse(input, bytes, metadata)?
+    };
+    // Of the table as MERL writes it, also where a list of measurements came in.
+    let size = 12 + 8 * table.values().len();
     drop(source);
     let bar = OnceLock::new();
     let progress = |share: f64| {
@@ -232,7 +250,7 @@ fn encode(
     bar.get().inspect(|bar| bar.finish_and_clear());
     let encoded = encoded.map_err(|e| Failure::in_file(input, &e))?;
     drop(table);
-    target.write(force, |out| Ok(out.write_all(&encoded.bytes)?))?;
+    target.write(args.force, |out| Ok(out.write_all(&encoded.bytes)?))?;
     Ok(Done {
         bytes: encoded.bytes.len(),
         ratio: size as f64 / encoded.bytes.len() as f64,

@@ -11,7 +11,9 @@ mod info;
 mod input;
 mod output;
 mod picture;
+mod plan;
 mod report;
+mod samples;
 mod synth;
 mod text;
 mod verify;
@@ -49,6 +51,7 @@ fn run(cli: Cli) -> Outcome {
             .map_err(|e| Failure::operation(format!("cannot start {threads} threads: {e}; ask for fewer")))?;
     }
     match cli.command {
+        Command::Plan(args) => plan::run(&args, cli.quiet),
         Command::Encode(args) => encode::run(&args, cli.quiet),
         Command::Decode(args) => decode::run(&args),
         Command::Info(args) => info::run(&args),

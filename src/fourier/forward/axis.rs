@@ -1,0 +1,185 @@
+//! One axis of a block: all its lines, in groups that fill the vectors.
+
+use super::dense::{Dense, Lanes, Place};
+use super::simd::Task;
+
+/// Lanes of a group: two vectors of AVX2, so that every entry of a matrix that is loaded serves both.
+const WIDE: usize = 8;
+/// Lanes of a group where no more remain.
+const NARROW: usize = 4;
+
+/// Scratch of dense axes.
+#[derive(Default)]
+pub(super) struct Scratch {
+    folded: Vec<Lanes<WIDE>>,
+    /// The last group of a bundle, of either width.
+    wide: Vec<Lanes<WIDE>>,
+    narrow: Vec<Lanes<NARROW>>,
+    /// Lines brought side by side.
+    gathered: Vec<f64>,
+}
+
+impl Scratch {
+    /// For axes of up to n entries.
+    pub(super) fn reserve(&mut self, n: usize) {
+        if n > self.folded.len() {
+            self.folded.resize(n, Lanes([0.0; WIDE]));
+            self.wide.resize(n, Lanes([0.0; WIDE]));
+            self.narrow.resize(n, Lanes([0.0; NARROW]));
+            self.gathered.resize(n * WIDE, 0.0);
+        }
+    }
+}
+
+/// The transform of a block along one axis, in place.
+pub(super) struct Along<'a> {
+    pub(super) axis: &'a Dense,
+    /// Number of values from one entry of the axis to the next.
+    pub(super) inner: usize,
+    pub(super) block: &'a mut [f64],
+    pub(super) scratch: &'a mut Scratch,
+    pub(super) forward: bool,
+}
+
+impl Task for Along<'_> {
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        let Along { axis, inner, block, scratch, forward } = self;
+        if forward {
+            along::<FUSED, true>(axis, inner, block, scratch);
+        } else {
+            along::<FUSED, false>(axis, inner, block, scratch);
+        }
+    }
+}
+
+#[inline(always)]
+fn along<const FUSED: bool, const FORWARD: bool>(axis: &Dense, inner: usize, block: &mut [f64], scratch: &mut Scratch) {
+    let n = axis.len();
+    if inner < WIDE {
+        return gathered::<FUSED, FORWARD>(axis, inner, block, scratch);
+    }
+    for lines in block.chunks_exact_mut(n * inner) {
+        // A last group that is not full overlaps the one before: it reads first and writes last.
+        let full = inner / WIDE * WIDE;
+        let rest = inner - full;
+        let at = |at| Place { stride: inner, at };
+        if rest > NARROW {
+            begin::<WIDE, FUSED, FORWARD>(axis, lines, at(inner - WIDE), &mut scratch.wide);
+        } else if rest > 0 {
+            begin::<NARROW, FUSED, FORWARD>(axis, lines, at(inner - NARROW), &mut scratch.narrow);
+        }
+        for lane in (0..full).step_by(WIDE) {
+            begin::<WIDE, FUSED, FORWARD>(axis, lines, at(lane), &mut scratch.folded);
+            end::<WIDE, FUSED, FORWARD>(axis, &mut scratch.folded, lines, at(lane));
+        }
+        if rest > NARROW {
+            end::<WIDE, FUSED, FORWARD>(axis, &mut scratch.wide, lines, at(inner - WIDE));
+        } else if rest > 0 {
+            end::<NARROW, FUSED, FORWARD>(axis, &mut scratch.narrow, lines, at(inner - NARROW));
+        }
+    }
+}
+
+/// Lines too few side by side, above all those of the last axis: gathered by eight.
+#[inline(always)]
+fn gathered<const FUSED: bool, const FORWARD: bool>(
+    axis: &Dense,
+    inner: usize,
+    block: &mut [f64],
+    scratch: &mut Scratch,
+) {
+    let n = axis.len();
+    let lines = block.len() / n;
+    let place = Place { stride: WIDE, at: 0 };
+    for first in (0..lines).step_by(WIDE) {
+        let used = WIDE.min(lines - first);
+        let gathered = &mut scratch.gathered[..n * WIDE];
+        if inner == 1 && used == WIDE && n >= 4 {
+            let rows = &mut block[first * n..][..WIDE * n];
+            transpose(rows, n, gathered, WIDE, WIDE, n);
+            begin::<WIDE, FUSED, FORWARD>(axis, gathered, place, &mut scratch.folded);
+            end::<WIDE, FUSED, FORWARD>(axis, &mut scratch.folded, gathered, place);
+            transpose(gathered, WIDE, rows, n, n, WIDE);
+            continue;
+        }
+        let start = |w: usize| {
+            let line = first + w;
+            line / inner * n * inner + line % inner
+        };
+        for w in 0..used {
+            for i in 0..n {
+                gathered[i * WIDE + w] = block[start(w) + i * inner];
+            }
+        }
+        begin::<WIDE, FUSED, FORWARD>(axis, gathered, place, &mut scratch.folded);
+        end::<WIDE, FUSED, FORWARD>(axis, &mut scratch.folded, gathered, place);
+        for w in 0..used {
+            for i in 0..n {
+                block[start(w) + i * inner] = gathered[i * WIDE + w];
+            }
+        }
+    }
+}
+
+/// `to[column * to_stride + row] = from[row * stride + column]` for at least 4 rows and 4 columns.
+#[inline(always)]
+fn transpose(from: &[f64], stride: usize, to: &mut [f64], to_stride: usize, rows: usize, columns: usize) {
+    for row in tiles(rows) {
+        for column in tiles(columns) {
+            transpose_tile(&from[row * stride + column..], stride, &mut to[column * to_stride + row..], to_stride);
+        }
+    }
+}
+
+/// Starts of runs of 4 that cover n; the last one may overlap the one before.
+#[inline(always)]
+fn tiles(n: usize) -> impl Iterator<Item = usize> {
+    (0..n.div_ceil(4)).map(move |t| (4 * t).min(n - 4))
+}
+
+/// 4 x 4 entries: pairs of rows, then halves. Tiles save a quarter of the last axis' time against single entries.
+#[inline(always)]
+fn transpose_tile(from: &[f64], stride: usize, to: &mut [f64], to_stride: usize) {
+    let row = |r: usize| *from[r * stride..].first_chunk::<4>().expect("4 columns");
+    let even = |x: [f64; 4], y: [f64; 4]| [x[0], y[0], x[2], y[2]];
+    let odd = |x: [f64; 4], y: [f64; 4]| [x[1], y[1], x[3], y[3]];
+    let low = |x: [f64; 4], y: [f64; 4]| [x[0], x[1], y[0], y[1]];
+    let high = |x: [f64; 4], y: [f64; 4]| [x[2], x[3], y[2], y[3]];
+    let (a, b, c, d) = (row(0), row(1), row(2), row(3));
+    let (even_ab, odd_ab, even_cd, odd_cd) = (even(a, b), odd(a, b), even(c, d), odd(c, d));
+    let columns = [low(even_ab, even_cd), low(odd_ab, odd_cd), high(even_ab, even_cd), high(odd_ab, odd_cd)];
+    for (c, column) in columns.into_iter().enumerate() {
+        *to[c * to_stride..].first_chunk_mut().expect("4 rows") = column;
+    }
+}
+
+/// The half of a group's transform that reads the lines.
+#[inline(always)]
+fn begin<const W: usize, const FUSED: bool, const FORWARD: bool>(
+    axis: &Dense,
+    lines: &[f64],
+    place: Place,
+    folded: &mut [Lanes<W>],
+) {
+    if FORWARD {
+        axis.fold(lines, place, folded);
+    } else {
+        axis.folded::<W, FUSED>(lines, place, folded);
+    }
+}
+
+/// The half of a group's transform that writes the lines.
+#[inline(always)]
+fn end<const W: usize, const FUSED: bool, const FORWARD: bool>(
+    axis: &Dense,
+    folded: &mut [Lanes<W>],
+    lines: &mut [f64],
+    place: Place,
+) {
+    if FORWARD {
+        axis.coefficients::<W, FUSED>(folded, lines, place);
+    } else {
+        axis.unfold(folded, lines, place);
+    }
+}

@@ -1,0 +1,340 @@
+//! Groups of coefficients as the solver holds them, and the passes over them.
+//!
+//! The solver's vectors are packed: groups of equal size form a class, and [`LANES`] groups of a class a bundle, which
+//! is stored member after member, the same member of its groups side by side. The last bundle of a class is filled up
+//! with zeros. Magnitudes of any group size then are sums over contiguous rows, with no gather but one permutation
+//! before and after the operator.
+//!
+//! Squares of entries must be in range: the solver's vectors are those of a problem with ||y|| = 1.
+
+use super::vector::LANES;
+
+/// Groups of one size.
+pub(super) struct Class {
+    /// `[member][group]`: which coefficient it is.
+    members: Vec<Vec<u32>>,
+    /// One a group.
+    weights: Vec<f64>,
+}
+
+impl Class {
+    pub(super) fn new(members: Vec<Vec<u32>>, weights: Vec<f64>) -> Class {
+        Class { members, weights }
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.weights.is_empty()
+    }
+}
+
+/// Where a class lies in packed vectors, and in those of one entry a group.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Span {
+    /// Members of a group.
+    size: usize,
+    bundles: usize,
+    /// First entry of the first bundle.
+    start: usize,
+    /// First group.
+    group: usize,
+}
+
+/// What the packed vectors hold.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Groups {
+    spans: Vec<Span>,
+    /// One a group, 1 for those that only fill up.
+    weights: Vec<f64>,
+    /// 1 / weights
+    inverses: Vec<f64>,
+    /// Packed entry of every coefficient; `None` where it is the same.
+    slots: Option<Vec<u32>>,
+    count: usize,
+    len: usize,
+}
+
+impl Groups {
+    /// The classes, whose members are the coefficients 0 to `cols` - 1, each once.
+    pub(super) fn new(classes: impl IntoIterator<Item = Class>, cols: usize) -> Groups {
+        let (mut spans, mut weights, mut slots) = (Vec::new(), Vec::new(), vec![0u32; cols]);
+        let (mut count, mut len) = (0, 0);
+        for class in classes {
+            let (size, bundles) = (class.members.len(), class.weights.len().div_ceil(LANES));
+            let span = Span { size, bundles, start: len, group: weights.len() };
+            for (m, member) in class.members.iter().enumerate() {
+                for (g, &coefficient) in member.iter().enumerate() {
+                    slots[coefficient as usize] = (span.entry(span.group + g) + m * LANES) as u32;
+                }
+            }
+            count += class.weights.len();
+            len += size * bundles * LANES;
+            weights.extend(class.weights);
+            weights.resize(weights.len().next_multiple_of(LANES), 1.0);
+            spans.push(span);
+        }
+        let identity = slots.iter().enumerate().all(|(i, &slot)| slot as usize == i);
+        let inverses = weights.iter().map(|w| 1.0 / w).collect();
+        Groups { spans, weights, inverses, slots: (!identity).then_some(slots), count, len }
+    }
+
+    /// Number of groups.
+    pub(super) fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Length of vectors of one entry a group, filled up.
+    pub(super) fn slots(&self) -> usize {
+        self.weights.len()
+    }
+
+    /// Length of packed vectors, a multiple of [`LANES`].
+    pub(super) fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Members of a group, and packed entry of the first one; the others follow at distances of [`LANES`].
+    pub(super) fn members(&self, group: usize) -> (usize, usize) {
+        let at = self.spans.partition_point(|span| span.group <= group) - 1;
+        (self.spans[at].size, self.spans[at].entry(group))
+    }
+
+    /// The coefficient at every packed entry; `u32::MAX` at those that only fill up.
+    pub(super) fn coefficients(&self, cols: usize) -> Vec<u32> {
+        let mut of = vec![u32::MAX; self.len];
+        for i in 0..cols {
+            of[self.slots.as_ref().map_or(i, |slots| slots[i] as usize)] = i as u32;
+        }
+        of
+    }
+
+    /// Adds a bundle of groups of one size, and returns the entry at which it starts.
+    pub(super) fn push(&mut self, size: usize, weights: &[f64; LANES]) -> usize {
+        let start = self.len;
+        match self.spans.last_mut() {
+            Some(span) if span.size == size => span.bundles += 1,
+            _ => self.spans.push(Span { size, bundles: 1, start, group: self.weights.len() }),
+        }
+        self.weights.extend(weights);
+        self.inverses.extend(weights.map(|w| 1.0 / w));
+        self.count += LANES;
+        self.len += size * LANES;
+        start
+    }
+
+    /// Nothing.
+    pub(super) fn clear(&mut self) {
+        self.spans.clear();
+        self.weights.clear();
+        self.inverses.clear();
+        (self.slots, self.count, self.len) = (None, 0, 0);
+    }
+
+    /// Weight of every group, 1 where none is.
+    pub(super) fn weights(&self) -> &[f64] {
+        &self.weights
+    }
+
+    /// Coefficients in the order of the operator into packed ones. What fills up must be zero, and stays it.
+    pub(super) fn pack(&self, coefficients: &[f64], packed: &mut [f64]) {
+        match &self.slots {
+            None => packed[..coefficients.len()].copy_from_slice(coefficients),
+            Some(slots) => {
+                for (&slot, v) in slots.iter().zip(coefficients) {
+                    packed[slot as usize] = *v;
+                }
+            }
+        }
+    }
+
+    /// The inverse of [`Groups::pack`].
+    pub(super) fn unpack(&self, packed: &[f64], coefficients: &mut [f64]) {
+        match &self.slots {
+            None => coefficients.copy_from_slice(&packed[..coefficients.len()]),
+            Some(slots) => {
+                for (&slot, v) in slots.iter().zip(coefficients) {
+                    *v = packed[slot as usize];
+                }
+            }
+        }
+    }
+
+    /// Magnitude of every group.
+    pub(super) fn magnitudes(&self, s: &[f64], magnitudes: &mut [f64]) {
+        self.each(|size, rows, groups| {
+            *lanes_mut(magnitudes, groups) = magnitude(size, |i| *lanes(s, rows.at(i)));
+        });
+    }
+
+    /// trial = s + step * c, and its magnitudes.
+    pub(super) fn step(&self, s: &[f64], step: f64, c: &[f64], trial: &mut [f64], magnitudes: &mut [f64]) {
+        self.each(|size, rows, groups| {
+            *lanes_mut(magnitudes, groups) = magnitude(size, |i| {
+                let (s, c, t) = (lanes(s, rows.at(i)), lanes(c, rows.at(i)), lanes_mut(trial, rows.at(i)));
+                for k in 0..LANES {
+                    t[k] = s[k] + step * c[k];
+                }
+                *t
+            });
+        });
+    }
+
+    /// Every group magnitude m becomes max(m - theta weight, 0).
+    pub(super) fn shrink(&self, s: &mut [f64], magnitudes: &[f64], theta: f64) {
+        self.each(|size, rows, groups| {
+            let factors = self.factors(magnitudes, theta, groups);
+            for i in 0..size {
+                let s = lanes_mut(s, rows.at(i));
+                for k in 0..LANES {
+                    s[k] *= factors[k];
+                }
+            }
+        });
+    }
+
+    /// Every group of a magnitude not above `cut` becomes zero.
+    pub(super) fn keep_above(&self, s: &mut [f64], magnitudes: &[f64], cut: f64) {
+        self.each(|size, rows, groups| {
+            let factors = lanes(magnitudes, groups).map(|m| if m > cut { 1.0 } else { 0.0 });
+            for i in 0..size {
+                let s = lanes_mut(s, rows.at(i));
+                for k in 0..LANES {
+                    s[k] *= factors[k];
+                }
+            }
+        });
+    }
+
+    /// [`Groups::shrink`] of `trial` (nothing at theta = 0), then (<c, trial - s>, ||trial - s||^2).
+    pub(super) fn shrink_towards(
+        &self,
+        trial: &mut [f64],
+        magnitudes: &[f64],
+        theta: f64,
+        s: &[f64],
+        c: &[f64],
+    ) -> (f64, f64) {
+        let (mut slope, mut length) = ([0.0; LANES], [0.0; LANES]);
+        self.each(|size, rows, groups| {
+            let factors = if theta > 0.0 { self.factors(magnitudes, theta, groups) } else { [1.0; LANES] };
+            for i in 0..size {
+                let (t, s, c) = (lanes_mut(trial, rows.at(i)), lanes(s, rows.at(i)), lanes(c, rows.at(i)));
+                for k in 0..LANES {
+                    t[k] *= factors[k];
+                    let d = t[k] - s[k];
+                    slope[k] += c[k] * d;
+                    length[k] += d * d;
+                }
+            }
+        });
+        (slope.iter().sum(), length.iter().sum())
+    }
+
+    /// ||W s||_1
+    pub(super) fn primal(&self, s: &[f64]) -> f64 {
+        let mut sum = [0.0; LANES];
+        self.each(|size, rows, groups| {
+            let (m, w) = (magnitude(size, |i| *lanes(s, rows.at(i))), lanes(&self.weights, groups));
+            for k in 0..LANES {
+                sum[k] += w[k] * m[k];
+            }
+        });
+        sum.iter().sum()
+    }
+
+    /// The dual norm of c, and ||c||^2. NaN entries are passed over by the first and seen in the second.
+    pub(super) fn dual_and_square(&self, c: &[f64]) -> (f64, f64) {
+        let (mut dual, mut square) = ([0.0; LANES], [0.0; LANES]);
+        // Comparisons, not f64::max: they compile to one vector instruction.
+        let larger = |a: f64, b: f64| if b > a { b } else { a };
+        self.each(|size, rows, groups| {
+            let (squares, inverses) = (squares(size, |i| *lanes(c, rows.at(i))), lanes(&self.inverses, groups));
+            for k in 0..LANES {
+                dual[k] = larger(dual[k], squares[k].sqrt() * inverses[k]);
+                square[k] += squares[k];
+            }
+        });
+        (dual.into_iter().fold(0.0, larger), square.iter().sum())
+    }
+
+    /// max(1 - theta weight / magnitude, 0), and 0 for a magnitude of 0.
+    #[inline(always)]
+    fn factors(&self, magnitudes: &[f64], theta: f64, groups: usize) -> [f64; LANES] {
+        let (m, w) = (lanes(magnitudes, groups), lanes(&self.weights, groups));
+        let mut factors = [0.0; LANES];
+        for k in 0..LANES {
+            let kept = (m[k] - theta * w[k]) / m[k];
+            factors[k] = if kept > 0.0 { kept } else { 0.0 };
+        }
+        factors
+    }
+
+    /// Calls `pass(size, rows, groups)` for every bundle, that of the groups `groups` to `groups` + LANES: members are at
+    /// `rows.at(0)` to `rows.at(size - 1)`. The sizes in common use are constants to the compiler.
+    #[inline(always)]
+    fn each(&self, mut pass: impl FnMut(usize, Rows, usize)) {
+        for span in &self.spans {
+            match span.size {
+                1 => span.each(1, &mut pass),
+                2 => span.each(2, &mut pass),
+                size => span.each(size, &mut pass),
+            }
+        }
+    }
+}
+
+impl Span {
+    #[inline(always)]
+    fn each(&self, size: usize, pass: &mut impl FnMut(usize, Rows, usize)) {
+        for bundle in 0..self.bundles {
+            pass(size, Rows { first: self.start + bundle * size * LANES }, self.group + bundle * LANES);
+        }
+    }
+
+    /// Packed entry of the first member of a group.
+    fn entry(&self, group: usize) -> usize {
+        let (bundle, lane) = ((group - self.group) / LANES, (group - self.group) % LANES);
+        self.start + bundle * self.size * LANES + lane
+    }
+}
+
+/// The members of a bundle.
+#[derive(Clone, Copy)]
+struct Rows {
+    first: usize,
+}
+
+impl Rows {
+    #[inline(always)]
+    fn at(self, member: usize) -> usize {
+        self.first + member * LANES
+    }
+}
+
+#[inline(always)]
+fn lanes(v: &[f64], at: usize) -> &[f64; LANES] {
+    v[at..at + LANES].try_into().expect("a whole register")
+}
+
+#[inline(always)]
+fn lanes_mut(v: &mut [f64], at: usize) -> &mut [f64; LANES] {
+    (&mut v[at..at + LANES]).try_into().expect("a whole register")
+}
+
+/// Squared magnitudes of neighbouring groups.
+#[inline(always)]
+fn squares(size: usize, mut member: impl FnMut(usize) -> [f64; LANES]) -> [f64; LANES] {
+    let mut squares = [0.0; LANES];
+    for i in 0..size {
+        let v = member(i);
+        for k in 0..LANES {
+            squares[k] += v[k] * v[k];
+        }
+    }
+    squares
+}
+
+/// Magnitudes of neighbouring groups.
+#[inline(always)]
+fn magnitude(size: usize, mut member: impl FnMut(usize) -> [f64; LANES]) -> [f64; LANES] {
+    if size == 1 { member(0).map(f64::abs) } else { squares(size, member).map(f64::sqrt) }
+}
