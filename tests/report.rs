@@ -50,11 +50,21 @@ fn rows(path: &Path) -> Vec<Vec<String>> {
     rows
 }
 
+/// Leaves of a MERL table the first bins of theta_h alone: the fewer entries are valid, the less is to be solved.
+fn keep_theta_h(path: &Path, bins: usize) {
+    let mut bytes = std::fs::read(path).unwrap();
+    for plane in bytes[12..].chunks_exact_mut(90 * 90 * 180 * 8) {
+        plane[bins * 90 * 180 * 8..].chunks_exact_mut(8).for_each(|v| v.copy_from_slice(&f64::to_le_bytes(-1.0)));
+    }
+    std::fs::write(path, bytes).unwrap();
+}
+
 #[test]
 fn a_report_is_complete_and_its_commands_give_its_points() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     ok(at, &["synth", "satin-paint", "-o", "a satin.binary", "--noise", "0.003", "--holes", "0.0005"]);
+    keep_theta_h(&at.join("a satin.binary"), 15);
     let report = ["report", "a satin.binary", "--out", "r", "--grid", "quick", "--ratios", "20%", "--threads", "2"];
     let few = ["--encode", "--iterations 5 --seed 3", "--trace-iterations", "20", "--render", "32", "--quiet"];
     assert_eq!(ok(at, &[&report[..], &few[..]].concat()), "");

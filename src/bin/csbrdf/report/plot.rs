@@ -8,7 +8,7 @@ use super::style::Style;
 
 const WIDTH: f64 = 440.0;
 const HEIGHT: f64 = 320.0;
-const LEFT: f64 = 58.0;
+const LEFT: f64 = 66.0;
 const RIGHT: f64 = 14.0;
 const TOP: f64 = 12.0;
 const BOTTOM: f64 = 44.0;
@@ -165,7 +165,7 @@ impl Plot {
             out,
             "<path d=\"M{LEFT} {TOP}V{bottom}H{right}\" fill=\"none\" stroke=\"#333\"/>\
              <text x=\"{middle}\" y=\"{}\" text-anchor=\"middle\">{}</text>\
-             <text transform=\"translate(14 {centre}) rotate(-90)\" text-anchor=\"middle\">{}</text>",
+             <text transform=\"translate(12 {centre}) rotate(-90)\" text-anchor=\"middle\">{}</text>",
             HEIGHT - 8.0,
             html(&self.x),
             html(&self.y)
