@@ -64,8 +64,8 @@ fn a_report_is_complete_and_its_commands_give_its_points() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     ok(at, &["synth", "satin-paint", "-o", "a satin.binary", "--noise", "0.003", "--holes", "0.0005"]);
-    keep_theta_h(&at.join("a satin.binary"), 15);
-    let report = ["report", "a satin.binary", "--out", "r", "--grid", "quick", "--ratios", "20%", "--threads", "2"];
+    keep_theta_h(&at.join("a satin.binary"), 10);
+    let report = ["report", "a satin.binary", "--out", "r", "--grid", "quick", "--ratios", "5%", "--threads", "2"];
     let few = ["--encode", "--iterations 5 --seed 3", "--trace-iterations", "20", "--render", "32", "--quiet"];
     assert_eq!(ok(at, &[&report[..], &few[..]].concat()), "");
 

@@ -87,8 +87,8 @@ def operator(basis, positions):
     return LinearOperator((len(positions), scale.size), matvec=forward, rmatvec=adjoint, dtype=complex), scale.ravel()
 
 
-def quantiles(values):
-    return "{:.3g} ({:.3g}, {:.3g})".format(*np.quantile(values, (0.5, 0.1, 0.9)))
+def quantiles(values, form=".3g"):
+    return "{:{f}} ({:{f}}, {:{f}})".format(*np.quantile(values, (0.5, 0.1, 0.9)), f=form)
 
 
 def main():
@@ -142,8 +142,8 @@ def main():
         column = lambda side, i: np.array([float(pair[side][i]) for pair in pairs])
         print(
             f"| {key} | {len(pairs)}",
-            quantiles(column(1, 0) / column(0, 0)),
-            quantiles(column(1, 1) / column(0, 1)),
+            quantiles(column(1, 0) / column(0, 0), ".4f"),
+            quantiles(column(1, 1) / column(0, 1), ".4f"),
             f"{np.median(column(0, 2)):.0f}, {np.median(column(0, 3)):.0f}, {1e3 * np.median(column(0, 4)):.1f}",
             f"{np.median(column(1, 3)):.0f}, {np.median(column(1, 4)):.0f}, {1e3 * np.median(column(1, 5)):.2f}",
             quantiles(column(0, 4) / column(1, 5)) + " |",

@@ -8,8 +8,8 @@ use crate::fourier::forward::Transform;
 use crate::fourier::{Basis, partners};
 use crate::sample::{Sampling, sample_positions};
 use crate::solve::norm::Norm;
-use crate::solve::sampled::SampledBasis;
-use crate::solve::spgl1::{self, Options};
+use crate::solve::sampled::{Columns, SampledBasis};
+use crate::solve::spgl1::{Options, Solver};
 
 /// What the recovery of a block's component needs to know.
 #[derive(Clone, Copy, Debug)]
@@ -52,17 +52,47 @@ pub(super) struct Solves {
     pub(super) missed: usize,
 }
 
-/// The recovery with its plans and norms by block shape; one a thread.
+impl std::ops::AddAssign for Solves {
+    fn add_assign(&mut self, other: Solves) {
+        self.solves += other.solves;
+        self.iterations += other.iterations;
+        self.missed += other.missed;
+    }
+}
+
+/// What solves over blocks of a shape share.
+struct Plan {
+    transform: Transform,
+    norm: Norm,
+    columns: Columns,
+}
+
+/// The recovery with its plans by block shape; one a thread.
 pub(super) struct Recoverer {
     recovery: Recovery,
-    plans: HashMap<[usize; 4], (Transform, Norm)>,
+    plans: HashMap<[usize; 4], Plan>,
+    solver: Solver,
     /// Solves in the plain solver's place, if there.
     pub(super) tracer: Option<Tracer>,
 }
 
 impl Recoverer {
     pub(super) fn new(recovery: Recovery) -> Recoverer {
-        Recoverer { recovery, plans: HashMap::new(), tracer: None }
+        Recoverer { recovery, plans: HashMap::new(), solver: Solver::default(), tracer: None }
+    }
+
+    fn plan(&mut self, shape: [usize; 4]) -> &mut Plan {
+        let recovery = self.recovery;
+        self.plans.entry(shape).or_insert_with(|| Plan {
+            transform: Transform::new(recovery.basis, shape),
+            norm: recovery.norm(shape),
+            columns: Columns::new(recovery.basis, shape),
+        })
+    }
+
+    /// Block values to coefficients, in place.
+    pub(super) fn analyze(&mut self, shape: [usize; 4], values: &mut [f64]) {
+        self.plan(shape).transform.analyze(values);
     }
 
     /// Replaces log values by coefficients. `valid` flags the values that may be looked at; the others are holes.
@@ -75,60 +105,78 @@ impl Recoverer {
         valid: &[bool],
         cost: &mut Solves,
     ) -> usize {
-        let recovery = self.recovery;
-        let (transform, norm) =
-            self.plans.entry(shape).or_insert_with(|| (Transform::new(recovery.basis, shape), recovery.norm(shape)));
-        let positions = sample_positions(seed, recovery.sampling, valid);
+        let positions = sample_positions(seed, self.recovery.sampling, valid);
         if positions.len() == values.len() {
             // All of an orthonormal transform's values are known: the coefficients follow without a solve.
-            transform.analyze(values);
-            return positions.len();
+            self.analyze(shape, values);
+        } else if self.recovery.sampling == Sampling::Every && !positions.is_empty() {
+            // Every valid value is known better than the recovery has it: it supplies the holes alone.
+            let samples: Vec<f64> = positions.iter().map(|&p| values[p as usize]).collect();
+            let filled = self.fill(shape, &positions, &samples, cost);
+            for ((value, &valid), fill) in values.iter_mut().zip(valid).zip(&filled) {
+                if !valid {
+                    *value = *fill;
+                }
+            }
+            self.analyze(shape, values);
+        } else {
+            let samples: Vec<f64> = positions.iter().map(|&p| values[p as usize]).collect();
+            let coefficients = self.solve(shape, &positions, &samples, cost);
+            values.copy_from_slice(&coefficients);
         }
-        if positions.is_empty() {
-            values.fill(0.0);
-            return 0;
+        positions.len()
+    }
+
+    /// All values of a block from its samples.
+    pub(super) fn fill(
+        &mut self,
+        shape: [usize; 4],
+        positions: &[u32],
+        samples: &[f64],
+        cost: &mut Solves,
+    ) -> Vec<f64> {
+        let mut values = self.solve(shape, positions, samples, cost);
+        self.plan(shape).transform.synthesize(&mut values);
+        values
+    }
+
+    /// The coefficients of a block from its samples; zeros without any.
+    fn solve(&mut self, shape: [usize; 4], positions: &[u32], samples: &[f64], cost: &mut Solves) -> Vec<f64> {
+        let n: usize = shape.iter().product();
+        if samples.is_empty() {
+            return vec![0.0; n];
         }
         // The mean is no sparse feature: taken out, so that the norm does not pull it to zero.
-        let mut samples: Vec<f64> = positions.iter().map(|&p| values[p as usize]).collect();
         let mean = samples.iter().sum::<f64>() / samples.len() as f64;
-        samples.iter_mut().for_each(|s| *s -= mean);
-        let mut operator = SampledBasis::new(transform, vec![&positions]);
-        let sigma = recovery.sigma_rms * (samples.len() as f64).sqrt();
+        let centred: Vec<f64> = samples.iter().map(|sample| sample - mean).collect();
+        let Recovery { iterations, sigma_rms, .. } = self.recovery;
+        let sigma = sigma_rms * (samples.len() as f64).sqrt();
         // The first point that reaches sigma will do: proving its norm minimal takes up to twice the steps and
         // changes sizes and errors by less than 0.3 %.
         let gap_tolerance = f64::INFINITY;
-        let options = Options { max_iterations: recovery.iterations, gap_tolerance, ..Options::default() };
-        let solution = match &mut self.tracer {
-            None => spgl1::bpdn(&mut operator, &samples, sigma, norm, &options),
-            Some(tracer) => tracer.bpdn(&mut operator, &samples, sigma, norm, &options),
+        let options = Options { max_iterations: iterations, gap_tolerance, ..Options::default() };
+        let (mut solver, mut tracer) = (std::mem::take(&mut self.solver), self.tracer.take());
+        let Plan { transform, norm, columns } = self.plan(shape);
+        let mut operator = SampledBasis::new(transform, vec![positions]).with_columns(columns);
+        let solution = match &mut tracer {
+            None => solver.bpdn(&mut operator, &centred, sigma, norm, &options, None),
+            Some(tracer) => tracer.bpdn(&mut operator, &centred, sigma, norm, &options),
         };
+        (self.solver, self.tracer) = (solver, tracer);
         cost.solves += 1;
-        match solution {
+        let mut coefficients = match solution {
             Ok(solution) => {
                 cost.iterations += solution.iterations;
                 cost.missed += usize::from(!solution.reached_sigma(sigma));
-                if recovery.sampling == Sampling::Every {
-                    // Every valid value is known better than the recovery has it: it supplies the holes alone.
-                    let mut filled = solution.coefficients;
-                    transform.synthesize(&mut filled);
-                    for ((value, &valid), fill) in values.iter_mut().zip(valid).zip(&filled) {
-                        if !valid {
-                            *value = fill + mean;
-                        }
-                    }
-                    transform.analyze(values);
-                } else {
-                    values.copy_from_slice(&solution.coefficients);
-                    values[0] += mean * (values.len() as f64).sqrt();
-                }
+                solution.coefficients
             }
             // Not reached with finite samples and sigma; a flat block is the safe answer all the same.
             Err(_) => {
                 cost.missed += 1;
-                values.fill(0.0);
-                values[0] = mean * (values.len() as f64).sqrt();
+                vec![0.0; n]
             }
-        }
-        positions.len()
+        };
+        coefficients[0] += mean * (n as f64).sqrt();
+        coefficients
     }
 }

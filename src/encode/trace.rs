@@ -54,7 +54,7 @@ pub struct Step {
 
 impl Encoder {
     /// Follows the solves of one block, of one component of its values after the other; none where every entry of
-    /// the block is a sample. `block` is the number of the block in the partition of an encode.
+    /// the block is a sample, nor with a trend, which leaves windows to solve in place of blocks. `block` is the number of the block in the partition of an encode.
     ///
     /// # Errors
     /// As [`Encoder::encode`]; `InvalidArgument` if there is no such block or a limit is out of range.
@@ -69,9 +69,12 @@ impl Encoder {
             let count = partition.block_count();
             return Err(Error::InvalidArgument(format!("no block {block}, there are {count}")));
         };
+        if self.trend {
+            return Ok(Vec::new());
+        }
         let mut recoverer = Recoverer::new(self.recovery(self.iterations));
         recoverer.tracer = Some(Tracer { limits, traces: Vec::new() });
-        self.quantize_block(table, &transform, &mut recoverer, block, &place).ok_or_else(|| self.too_fine())?;
+        self.quantize_block(table, &transform, None, &mut recoverer, block, &place).ok_or_else(|| self.too_fine())?;
         Ok(recoverer.tracer.map(|tracer| tracer.traces).unwrap_or_default())
     }
 }
@@ -212,6 +215,8 @@ mod tests {
         }
         assert!(encoder.trace(&table, 432, Limits { iterations: 1, gap: 0.1 }).is_err());
         let full = Encoder::new().block_shape(&[15, 15, 15]);
-        assert!(full.trace(&table, 200, Limits { iterations: 1, gap: 0.1 }).unwrap().is_empty());
+        for none in [full, encoder.trend(true)] {
+            assert!(none.trace(&table, 200, Limits { iterations: 1, gap: 0.1 }).unwrap().is_empty());
+        }
     }
 }

@@ -19,7 +19,7 @@ mod conjugate;
 mod dense;
 mod long;
 mod sampled;
-mod simd;
+pub(crate) mod simd;
 
 use super::Basis;
 use axis::{Along, Scratch};

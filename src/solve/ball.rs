@@ -9,6 +9,7 @@
 
 use super::groups::Groups;
 use super::vector::LANES;
+use crate::fourier::forward::simd::{Level, Task};
 
 /// Passes over all groups before the active set is gathered.
 const WHOLE_PASSES: usize = 4;
@@ -131,6 +132,30 @@ impl Sums {
 
     /// The sums over all groups with m > theta w.
     fn above(magnitudes: &[f64], weights: &[f64], theta: f64) -> Sums {
+        let mut sums = Sums::default();
+        Level::detect().run(Above { magnitudes, weights, theta, sums: &mut sums });
+        sums
+    }
+
+    /// The theta at which these groups alone have norm `tau`; negative if there are none.
+    fn newton(&self, tau: f64) -> f64 {
+        let theta = (self.norm - tau) / self.squares;
+        if theta.is_nan() { f64::NEG_INFINITY } else { theta }
+    }
+}
+
+/// [`Sums::above`], on the best instructions of the machine.
+struct Above<'a> {
+    magnitudes: &'a [f64],
+    weights: &'a [f64],
+    theta: f64,
+    sums: &'a mut Sums,
+}
+
+impl Task for Above<'_> {
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        let Above { magnitudes, weights, theta, sums } = self;
         let (mut norms, mut squares) = ([0.0; LANES], [0.0; LANES]);
         for (m, w) in magnitudes.as_chunks::<LANES>().0.iter().zip(weights.as_chunks::<LANES>().0) {
             for k in 0..LANES {
@@ -139,13 +164,7 @@ impl Sums {
                 squares[k] += kept * w[k];
             }
         }
-        Sums { norm: norms.iter().sum(), squares: squares.iter().sum() }
-    }
-
-    /// The theta at which these groups alone have norm `tau`; negative if there are none.
-    fn newton(&self, tau: f64) -> f64 {
-        let theta = (self.norm - tau) / self.squares;
-        if theta.is_nan() { f64::NEG_INFINITY } else { theta }
+        *sums = Sums { norm: norms.iter().sum(), squares: squares.iter().sum() };
     }
 }
 

@@ -8,6 +8,7 @@
 //! Squares of entries must be in range: the solver's vectors are those of a problem with ||y|| = 1.
 
 use super::vector::LANES;
+use crate::fourier::forward::simd::{Level, Task};
 
 /// Groups of one size.
 pub(super) struct Class {
@@ -249,11 +250,11 @@ impl Groups {
         self.each(|size, rows, groups| {
             let (squares, inverses) = (squares(size, |i| *lanes(c, rows.at(i))), lanes(&self.inverses, groups));
             for k in 0..LANES {
-                dual[k] = larger(dual[k], squares[k].sqrt() * inverses[k]);
+                dual[k] = larger(dual[k], squares[k] * (inverses[k] * inverses[k]));
                 square[k] += squares[k];
             }
         });
-        (dual.into_iter().fold(0.0, larger), square.iter().sum())
+        (dual.into_iter().fold(0.0, larger).sqrt(), square.iter().sum())
     }
 
     /// max(1 - theta weight / magnitude, 0), and 0 for a magnitude of 0.
@@ -271,12 +272,25 @@ impl Groups {
     /// Calls `pass(size, rows, groups)` for every bundle, that of the groups `groups` to `groups` + LANES: members are at
     /// `rows.at(0)` to `rows.at(size - 1)`. The sizes in common use are constants to the compiler.
     #[inline(always)]
-    fn each(&self, mut pass: impl FnMut(usize, Rows, usize)) {
-        for span in &self.spans {
+    fn each(&self, pass: impl FnMut(usize, Rows, usize)) {
+        Level::detect().run(Each { spans: &self.spans, pass });
+    }
+}
+
+/// A pass over all bundles, on the best instructions of the machine.
+struct Each<'a, F> {
+    spans: &'a [Span],
+    pass: F,
+}
+
+impl<F: FnMut(usize, Rows, usize)> Task for Each<'_, F> {
+    #[inline(always)]
+    fn run<const FUSED: bool>(mut self) {
+        for span in self.spans {
             match span.size {
-                1 => span.each(1, &mut pass),
-                2 => span.each(2, &mut pass),
-                size => span.each(size, &mut pass),
+                1 => span.each(1, &mut self.pass),
+                2 => span.each(2, &mut self.pass),
+                size => span.each(size, &mut self.pass),
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use super::norm::Norm;
 use super::spgl1::{Options, Solution, Stop, bpdn, bpdn_from, lasso};
-use super::testing::{Dense, Lcg, length, residual};
+use super::testing::{Dense, Lcg, WithColumns, length, residual};
 use super::{Iterate, Operator};
 use proptest::prelude::*;
 
@@ -146,9 +146,7 @@ fn every_iterate_is_shown() {
             self.op.adjoint(samples, coefficients);
         }
         fn column(&mut self, index: usize, samples: &mut [f64]) -> bool {
-            let rows = self.op.matrix.chunks(self.op.cols);
-            samples.iter_mut().zip(rows).for_each(|(y, row)| *y = row[index]);
-            self.columns
+            self.columns && WithColumns(&mut self.op).column(index, samples)
         }
         fn watch(&mut self, iterate: &Iterate) {
             let mut s = vec![0.0; self.cols()];
@@ -241,10 +239,18 @@ proptest! {
         prop_assert!((solution.residual_norm - sigma).abs() <= 1e-6 * sigma);
         assert_aligned(&mut op, &y, &norm, &solution, 5e-3);
 
+        // Over a working set, the same.
+        let few = bpdn(&mut WithColumns(&mut op), &y, sigma, &norm, &tight()).unwrap();
+        prop_assert!(few.stop == Stop::Converged || few.gap < 1e-4, "{:?} {}", few.stop, few.gap);
+        prop_assert!((few.norm - solution.norm).abs() <= 2e-4 * solution.norm, "{} {}", few.norm, solution.norm);
+        assert_aligned(&mut op, &y, &norm, &few, 5e-3);
+
         // The LASSO with that norm as its radius is the same problem.
         let same = lasso(&mut op, &y, solution.norm, &norm, &tight()).unwrap();
         prop_assert!((same.residual_norm - sigma).abs() <= 1e-4 * sigma, "{} {}", same.residual_norm, sigma);
         prop_assert!(same.norm <= solution.norm * (1.0 + 1e-9));
         assert_aligned(&mut op, &y, &norm, &same, 5e-3);
+        let few = lasso(&mut WithColumns(&mut op), &y, solution.norm, &norm, &tight()).unwrap();
+        prop_assert!((few.residual_norm - sigma).abs() <= 1e-4 * sigma, "{} {}", few.residual_norm, sigma);
     }
 }

@@ -147,9 +147,8 @@ pub(super) fn bpdn<O: Operator + ?Sized>(
         let bound = |dual: f64| (yr - sigma * residual) / dual;
         let gap_of = |best: &Best, bound: f64| relative_gap(best.norm, bound.max(lower));
         let decides = best.norm.is_finite() && gap_of(&best, bound(descent.at.dual)) <= options.gap_tolerance;
-        let last = iterations >= options.max_iterations;
         let mut missing = 1.0;
-        if decides || settled || stationary || last || is_flat(cc) {
+        if decides || settled || stationary || is_flat(cc) {
             missing = descent.complete(GROWTH.max(y.len() / 2));
             settled &= missing <= VIOLATION;
             stationary &= missing <= 1.0;
@@ -166,7 +165,7 @@ pub(super) fn bpdn<O: Operator + ?Sized>(
         } else if descent.at.complete && is_flat(descent.at.cc) {
             break Stop::LeastSquares;
         }
-        if last {
+        if iterations >= options.max_iterations {
             break if best.norm.is_finite() { Stop::SigmaReached } else { Stop::IterationLimit };
         }
 
@@ -235,9 +234,8 @@ pub(super) fn lasso<O: Operator + ?Sized>(
         let yr = dot(y, &descent.at.r);
         let bound = |dual: f64| (yr - tau * dual) / residual;
         let is_flat = |cc: f64| cc <= (LEAST_SQUARES * residual).powi(2) * first_cc;
-        let last = iterations >= options.max_iterations;
         let decides = best.residual - bound(descent.at.dual).max(lower) <= options.gap_tolerance * best.residual;
-        if decides || stationary || last || is_flat(cc) {
+        if decides || stationary || is_flat(cc) {
             stationary &= descent.complete(GROWTH.max(y.len() / 2)) <= 1.0;
         }
         if descent.at.complete && bound(descent.at.dual) > lower {
@@ -249,7 +247,7 @@ pub(super) fn lasso<O: Operator + ?Sized>(
         if descent.at.complete && is_flat(descent.at.cc) {
             break Stop::LeastSquares;
         }
-        if last {
+        if iterations >= options.max_iterations {
             break Stop::IterationLimit;
         }
         if stationary {

@@ -75,7 +75,7 @@ pub struct SampledBasis<'a> {
 }
 
 impl<'a> SampledBasis<'a> {
-    /// The samples at `positions`, one list of positions in the block for each channel.
+    /// The samples at `positions`, one list of different positions in the block for each channel.
     ///
     /// # Panics
     /// Where a position is not in the block.
@@ -105,25 +105,21 @@ impl Operator for SampledBasis<'_> {
     }
 
     fn forward(&mut self, coefficients: &[f64], samples: &mut [f64]) {
-        let mut samples = samples.iter_mut();
+        let mut samples = samples;
         for (coefficients, positions) in coefficients.chunks(self.block.len()).zip(&self.positions) {
             self.block.copy_from_slice(coefficients);
-            self.transform.synthesize(&mut self.block);
-            // The positions come first: zip drops what its first iterator gave when the second one ends.
-            for (&p, sample) in positions.iter().zip(samples.by_ref()) {
-                *sample = self.block[p as usize];
-            }
+            let (of_channel, rest) = samples.split_at_mut(positions.len());
+            self.transform.synthesize_samples(&mut self.block, positions, of_channel);
+            samples = rest;
         }
     }
 
     fn adjoint(&mut self, samples: &[f64], coefficients: &mut [f64]) {
-        let mut samples = samples.iter();
-        coefficients.fill(0.0);
+        let mut samples = samples;
         for (coefficients, positions) in coefficients.chunks_mut(self.block.len()).zip(&self.positions) {
-            for (&p, sample) in positions.iter().zip(samples.by_ref()) {
-                coefficients[p as usize] = *sample;
-            }
-            self.transform.analyze(coefficients);
+            let (of_channel, rest) = samples.split_at(positions.len());
+            self.transform.analyze_samples(positions, of_channel, coefficients);
+            samples = rest;
         }
     }
 

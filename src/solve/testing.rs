@@ -80,60 +80,31 @@ impl Operator for Dense {
     }
 }
 
-/// Point samples of the inverse of the orthonormal DCT-II over a 15 x 15 x 15 block, first axis slowest.
-pub(super) struct BlockDct {
-    /// Positions by frequencies.
-    dct: Vec<f64>,
-    positions: Vec<usize>,
-    grid: Vec<f64>,
-    turned: Vec<f64>,
-}
+/// An operator that can give single columns, so that solves from few rows use a working set.
+pub(super) struct WithColumns<'a>(pub(super) &'a mut Dense);
 
-/// Entries along an axis of the block.
-const N: usize = 15;
-
-impl BlockDct {
-    pub(super) fn new(positions: Vec<usize>) -> BlockDct {
-        let cube = vec![0.0; N * N * N];
-        BlockDct { dct: Dense::dct(N).matrix, positions, grid: cube.clone(), turned: cube }
-    }
-
-    /// Transforms the last axis and makes it the first; three times is the whole transform.
-    fn turn(&mut self, inverse: bool) {
-        for (row, line) in self.grid.chunks(N).enumerate() {
-            for a in 0..N {
-                let basis = |b: usize| self.dct[if inverse { a * N + b } else { b * N + a }];
-                self.turned[a * N * N + row] = line.iter().enumerate().map(|(b, v)| v * basis(b)).sum();
-            }
-        }
-        std::mem::swap(&mut self.grid, &mut self.turned);
-    }
-}
-
-impl Operator for BlockDct {
+impl Operator for WithColumns<'_> {
     fn rows(&self) -> usize {
-        self.positions.len()
+        self.0.rows()
     }
 
     fn cols(&self) -> usize {
-        self.grid.len()
+        self.0.cols()
     }
 
     fn forward(&mut self, coefficients: &[f64], samples: &mut [f64]) {
-        self.grid.copy_from_slice(coefficients);
-        (0..3).for_each(|_| self.turn(true));
-        for (y, &p) in samples.iter_mut().zip(&self.positions) {
-            *y = self.grid[p];
-        }
+        self.0.forward(coefficients, samples);
     }
 
     fn adjoint(&mut self, samples: &[f64], coefficients: &mut [f64]) {
-        self.grid.fill(0.0);
-        for (y, &p) in samples.iter().zip(&self.positions) {
-            self.grid[p] = *y;
+        self.0.adjoint(samples, coefficients);
+    }
+
+    fn column(&mut self, index: usize, samples: &mut [f64]) -> bool {
+        for (v, row) in samples.iter_mut().zip(self.0.matrix.chunks(self.0.cols)) {
+            *v = row[index];
         }
-        (0..3).for_each(|_| self.turn(false));
-        coefficients.copy_from_slice(&self.grid);
+        true
     }
 }
 

@@ -10,6 +10,7 @@
 use super::Operator;
 use super::groups::Groups;
 use super::vector::LANES;
+use crate::fourier::forward::simd::{Level, Task, multiply_add};
 
 /// A working set pays while rows^2 is at most this times the columns: its width is about three times the rows, and a
 /// pair of its products costs six rows^2 multiplications where a pair of separable transforms costs some 50 a column.
@@ -150,29 +151,63 @@ impl Working {
     /// r = y - A s
     pub(super) fn residual(&self, y: &[f64], s: &[f64], r: &mut [f64]) {
         r.copy_from_slice(y);
-        let mut used = s.iter().zip(self.matrix.chunks_exact(self.rows)).filter(|(v, _)| **v != 0.0);
-        while let Some((a, first)) = used.next() {
-            // Two columns at a time: half the traffic of the residual.
-            let (b, second) = used.next().unwrap_or((&0.0, first));
-            for ((r, x), y) in r.iter_mut().zip(first).zip(second) {
-                *r -= a * x + b * y;
-            }
-        }
+        Level::detect().run(Residual { matrix: &self.matrix, s, r });
     }
 
     /// c = A^T r
     pub(super) fn gradient(&self, r: &[f64], c: &mut [f64]) {
-        let (r_lanes, r_rest) = r.as_chunks::<LANES>();
-        for (c, column) in c.iter_mut().zip(self.matrix.chunks_exact(self.rows)) {
-            let (a_lanes, a_rest) = column.as_chunks::<LANES>();
-            let mut sums = [0.0; LANES];
-            for (a, r) in a_lanes.iter().zip(r_lanes) {
+        Level::detect().run(Gradient { matrix: &self.matrix, r, c });
+    }
+}
+
+/// r -= A s, columns of which most have no part in it.
+struct Residual<'a> {
+    matrix: &'a [f64],
+    s: &'a [f64],
+    r: &'a mut [f64],
+}
+
+impl Task for Residual<'_> {
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        let rows = self.r.len();
+        let mut used = self.s.iter().zip(self.matrix.chunks_exact(rows)).filter(|(v, _)| **v != 0.0);
+        while let Some((a, first)) = used.next() {
+            // Two columns at a time: half the traffic of the residual.
+            let (b, second) = used.next().unwrap_or((&0.0, first));
+            for ((r, x), y) in self.r.iter_mut().zip(first).zip(second) {
+                *r = multiply_add::<FUSED>(-*b, *y, multiply_add::<FUSED>(-*a, *x, *r));
+            }
+        }
+    }
+}
+
+/// c = A^T r
+struct Gradient<'a> {
+    matrix: &'a [f64],
+    r: &'a [f64],
+    c: &'a mut [f64],
+}
+
+impl Task for Gradient<'_> {
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        let (r_lanes, r_rest) = self.r.as_chunks::<LANES>();
+        // Two columns at a time, as many sums as registers.
+        let (pairs, _) = self.c.as_chunks_mut::<2>();
+        for (c, columns) in pairs.iter_mut().zip(self.matrix.chunks_exact(2 * self.r.len())) {
+            let (first, second) = columns.split_at(self.r.len());
+            let ((a_lanes, a_rest), (b_lanes, b_rest)) = (first.as_chunks::<LANES>(), second.as_chunks::<LANES>());
+            let mut sums = [[0.0; LANES]; 2];
+            for ((a, b), r) in a_lanes.iter().zip(b_lanes).zip(r_lanes) {
                 for k in 0..LANES {
-                    sums[k] += a[k] * r[k];
+                    sums[0][k] = multiply_add::<FUSED>(a[k], r[k], sums[0][k]);
+                    sums[1][k] = multiply_add::<FUSED>(b[k], r[k], sums[1][k]);
                 }
             }
-            let rest: f64 = a_rest.iter().zip(r_rest).map(|(a, r)| a * r).sum();
-            *c = sums.iter().sum::<f64>() + rest;
+            for (c, (sums, rest)) in c.iter_mut().zip([(sums[0], a_rest), (sums[1], b_rest)]) {
+                *c = sums.iter().sum::<f64>() + rest.iter().zip(r_rest).map(|(a, r)| a * r).sum::<f64>();
+            }
         }
     }
 }

@@ -339,6 +339,8 @@ pub enum PresetArg {
     Archive,
     /// The source paper's: 5 % of the entries, DFT, 15 x 15 x 15 blocks
     Paper,
+    /// 5 % of the entries, recovered as well as is known: trend of the whole table, weighted DCT
+    Sparse,
 }
 
 /// `--grid`.

@@ -115,6 +115,7 @@ pub fn encoder(args: &EncodeArgs) -> Encoder {
     let mut encoder = Encoder::new().seed(args.seed).preset(match args.preset {
         PresetArg::Archive => Preset::Archive,
         PresetArg::Paper => Preset::Paper,
+        PresetArg::Sparse => Preset::Sparse,
     });
     if args.samples.is_some() {
         encoder = encoder.sampling(Sampling::Every);

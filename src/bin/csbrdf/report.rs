@@ -158,7 +158,9 @@ fn try_table(
             let encoder = Invocation::new(path, &settings, "OUT", run.asked)?.encoder();
             let iterations = args.trace_iterations as usize;
             let traces = trace::follow(&subject.table, &encoder, block.number, iterations).map_err(in_table)?;
-            tried.followed.push(Followed { block: block.clone(), settings, traces });
+            if !traces.is_empty() {
+                tried.followed.push(Followed { block: block.clone(), settings, traces });
+            }
         }
     }
     Ok(tried)

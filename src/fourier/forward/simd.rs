@@ -5,14 +5,14 @@
 //! Rust 1.89. NEON is aarch64's baseline. Results differ by rounding between levels, never between threads or runs.
 
 /// What can run at any level. `FUSED`: multiply-adds are one instruction, with one rounding.
-pub(super) trait Task {
+pub(crate) trait Task {
     /// Must be `#[inline(always)]` with all it calls, or it is compiled for the baseline.
     fn run<const FUSED: bool>(self);
 }
 
 /// Instructions of this machine.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Level(Kind);
+pub(crate) struct Level(Kind);
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Kind {
@@ -26,7 +26,7 @@ const BASELINE_FUSED: bool = cfg!(any(target_arch = "aarch64", target_feature = 
 
 impl Level {
     /// The best one that the processor has.
-    pub(super) fn detect() -> Level {
+    pub(crate) fn detect() -> Level {
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
             return Level(Kind::Avx2);
@@ -35,13 +35,13 @@ impl Level {
     }
 
     /// That of every processor of the target.
-    pub(super) fn baseline() -> Level {
+    pub(crate) fn baseline() -> Level {
         Level(Kind::Baseline)
     }
 
     #[inline]
     #[allow(unsafe_code)]
-    pub(super) fn run(self, task: impl Task) {
+    pub(crate) fn run(self, task: impl Task) {
         match self.0 {
             Kind::Baseline => task.run::<BASELINE_FUSED>(),
             #[cfg(target_arch = "x86_64")]
@@ -59,6 +59,6 @@ fn avx2(task: impl Task) {
 
 /// `a * b + sum`
 #[inline(always)]
-pub(super) fn multiply_add<const FUSED: bool>(a: f64, b: f64, sum: f64) -> f64 {
+pub(crate) fn multiply_add<const FUSED: bool>(a: f64, b: f64, sum: f64) -> f64 {
     if FUSED { a.mul_add(b, sum) } else { a * b + sum }
 }

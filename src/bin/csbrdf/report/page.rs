@@ -103,7 +103,7 @@ fn followed(out: &mut String, tried: &Tried) {
          greatest range of ln(f + 0.001) among those of which half the entries are valid or more. Residual: rms over \
          the samples, log domain; dashed: sigma. Gap: (u - l) / u with the best bounds u and l of the least norm so far, \
          u from a point made feasible, l from the residual as a dual point. The mark is where an encode stops; from \
-         there on the solve is followed to a gap of {GAP}. One thread, of each step the \
+         there on the solve is followed to a gap of {GAP}. Preset sparse solves no single blocks. One thread, of each step the \
          least time of {RUNS} runs.</p>"
     );
     for followed in tried.followed.chunk_by(|a, b| a.block == b.block) {

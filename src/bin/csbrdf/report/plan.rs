@@ -49,7 +49,7 @@ pub fn sampled_presets() -> impl Iterator<Item = String> {
     PresetArg::value_variants().iter().filter(|p| **p != PresetArg::Archive).map(|p| preset_name(*p))
 }
 
-/// Settings whose solves are followed, with the block shape that all of them share, and options added to each.
+/// Settings whose solves are followed, if they solve blocks at all, with the block shape that all of them share, and options added to each.
 pub fn traced(options: &str) -> Vec<String> {
     let presets = sampled_presets().map(|name| format!("--preset {name}")).chain([WEIGHTED.to_string()]);
     presets.map(|base| format!("{base} --block 15,15,15 {options}").trim_end().to_string()).collect()
@@ -167,7 +167,7 @@ mod tests {
             }
             assert!(plan.sections.iter().flat_map(|s| &s.series).all(|&s| s < plan.series.len()));
         }
-        assert!(Plan::of(GridArg::Quick, &[]).settings().len() < 20);
+        assert!(Plan::of(GridArg::Quick, &[]).settings().len() < 25);
         let two = Plan::of(GridArg::Quick, &[0.5, 0.01, 0.5]);
         assert!(
             two.series
