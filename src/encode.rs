@@ -6,6 +6,7 @@ mod estimate;
 mod pack;
 mod recover;
 mod shape;
+pub mod trace;
 mod trend;
 
 use std::sync::atomic::{AtomicUsize, Ordering};

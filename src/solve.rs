@@ -44,4 +44,31 @@ pub trait Operator {
         let _ = (index, samples);
         false
     }
+    /// Is shown every iterate of a BPDN solve, the start included. Nothing depends on it.
+    fn watch(&mut self, iterate: &Iterate) {
+        let _ = iterate;
+    }
+}
+
+/// An iterate, of the problem with the samples scaled to ||y|| = 1. Costs nothing until it is looked at.
+#[derive(Clone, Copy)]
+pub struct Iterate<'a> {
+    /// Steps so far.
+    pub iterations: usize,
+    /// Forward and adjoint transforms so far; steps over a working set take none.
+    pub transforms: usize,
+    /// y - A s
+    pub residual: &'a [f64],
+    state: &'a descent::State,
+    groups: &'a groups::Groups,
+}
+
+impl Iterate<'_> {
+    /// Writes the coefficients s, as many as the operator's columns.
+    ///
+    /// # Panics
+    /// Where `coefficients` has another length.
+    pub fn coefficients(&self, coefficients: &mut [f64]) {
+        self.state.unpack(self.groups, coefficients);
+    }
 }

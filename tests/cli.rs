@@ -143,7 +143,7 @@ fn npy(bytes: &[u8]) -> (Vec<usize>, Vec<f32>) {
 #[test]
 fn help_lists_subcommands_and_exit_codes() {
     let help = run(&["--help"]).expect(OK);
-    for subcommand in ["encode", "plan", "decode", "info", "verify", "compare", "eval", "synth", "demo"] {
+    for subcommand in ["encode", "plan", "decode", "info", "verify", "compare", "eval", "synth", "report", "demo"] {
         assert!(help.text().contains(subcommand));
         let own = run(&[subcommand, "--help"]).expect(OK);
         assert!(own.text().contains("Exit codes:") && own.text().contains("3  an input is damaged"));

@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use super::trace::Tracer;
 use crate::block::positions;
 use crate::fourier::forward::Transform;
 use crate::fourier::{Basis, partners};
@@ -71,11 +72,13 @@ pub(super) struct Recoverer {
     recovery: Recovery,
     plans: HashMap<[usize; 4], Plan>,
     solver: Solver,
+    /// Solves in the plain solver's place, if there.
+    pub(super) tracer: Option<Tracer>,
 }
 
 impl Recoverer {
     pub(super) fn new(recovery: Recovery) -> Recoverer {
-        Recoverer { recovery, plans: HashMap::new(), solver: Solver::default() }
+        Recoverer { recovery, plans: HashMap::new(), solver: Solver::default(), tracer: None }
     }
 
     fn plan(&mut self, shape: [usize; 4]) -> &mut Plan {
@@ -152,11 +155,14 @@ impl Recoverer {
         // changes sizes and errors by less than 0.3 %.
         let gap_tolerance = f64::INFINITY;
         let options = Options { max_iterations: iterations, gap_tolerance, ..Options::default() };
-        let mut solver = std::mem::take(&mut self.solver);
+        let (mut solver, mut tracer) = (std::mem::take(&mut self.solver), self.tracer.take());
         let Plan { transform, norm, columns } = self.plan(shape);
         let mut operator = SampledBasis::new(transform, vec![positions]).with_columns(columns);
-        let solution = solver.bpdn(&mut operator, &centred, sigma, norm, &options, None);
-        self.solver = solver;
+        let solution = match &mut tracer {
+            None => solver.bpdn(&mut operator, &centred, sigma, norm, &options, None),
+            Some(tracer) => tracer.bpdn(&mut operator, &centred, sigma, norm, &options),
+        };
+        (self.solver, self.tracer) = (solver, tracer);
         cost.solves += 1;
         let mut coefficients = match solution {
             Ok(solution) => {

@@ -6,11 +6,11 @@
 //! fallback): A is linear, so the residual there is a blend of the two known ones and the objective an exact parabola,
 //! whose minimiser needs no transform. Halving a curvilinear step would cost a transform a trial.
 
-use super::Operator;
 use super::ball::Projector;
 use super::groups::Groups;
 use super::vector::{distance_squared, dot, move_towards, subtract_from};
 use super::working::Working;
+use super::{Iterate, Operator};
 
 /// Fraction of the linear decrease that a step must achieve (Armijo).
 const SUFFICIENT: f64 = 1e-4;
@@ -236,6 +236,12 @@ impl<'a, O: Operator + ?Sized> Descent<'a, O> {
         Moved::Yes
     }
 
+    /// Shows the iterate to the operator.
+    pub(super) fn show(&mut self, iterations: usize) {
+        let (transforms, residual) = (self.at.transforms, &self.at.r);
+        self.op.watch(&Iterate { iterations, transforms, residual, state: self.at, groups: self.groups });
+    }
+
     /// trial_r = y - A trial_s
     fn trial_residual(&mut self) {
         let at = &mut *self.at;
@@ -269,6 +275,18 @@ impl State {
     fn swap(&mut self) {
         std::mem::swap(&mut self.s, &mut self.trial_s);
         std::mem::swap(&mut self.r, &mut self.trial_r);
+    }
+
+    /// The iterate in the order of the operator.
+    pub(super) fn unpack(&self, groups: &Groups, coefficients: &mut [f64]) {
+        assert_eq!(coefficients.len(), self.unpacked.len(), "coefficients");
+        if self.restricted {
+            let mut packed = vec![0.0; groups.len()];
+            self.working.scatter(&self.s, &mut packed);
+            groups.unpack(&packed, coefficients);
+        } else {
+            groups.unpack(&self.s, coefficients);
+        }
     }
 
     /// Vectors as long as the working set has grown.

@@ -1,9 +1,9 @@
 //! Solutions against closed forms, exact sparse signals and the optimality conditions.
 
-use super::Operator;
 use super::norm::Norm;
 use super::spgl1::{Options, Solution, Stop, bpdn, bpdn_from, lasso};
 use super::testing::{Dense, Lcg, WithColumns, length, residual};
+use super::{Iterate, Operator};
 use proptest::prelude::*;
 
 fn tight() -> Options {
@@ -120,6 +120,54 @@ fn a_good_start_saves_steps_and_a_bad_one_does_no_harm() {
         let other = bpdn_from(&mut op, &y, sigma, &norm, &options, &start).unwrap();
         assert_eq!(other.stop, Stop::Converged);
         assert!((other.norm - cold.norm).abs() < 1e-4 * cold.norm);
+    }
+}
+
+#[test]
+fn every_iterate_is_shown() {
+    struct Watched {
+        op: Dense,
+        /// Whether it gives columns.
+        columns: bool,
+        unit: Vec<f64>,
+        seen: Vec<(usize, f64)>,
+    }
+    impl Operator for Watched {
+        fn rows(&self) -> usize {
+            self.op.rows()
+        }
+        fn cols(&self) -> usize {
+            self.op.cols()
+        }
+        fn forward(&mut self, coefficients: &[f64], samples: &mut [f64]) {
+            self.op.forward(coefficients, samples);
+        }
+        fn adjoint(&mut self, samples: &[f64], coefficients: &mut [f64]) {
+            self.op.adjoint(samples, coefficients);
+        }
+        fn column(&mut self, index: usize, samples: &mut [f64]) -> bool {
+            self.columns && WithColumns(&mut self.op).column(index, samples)
+        }
+        fn watch(&mut self, iterate: &Iterate) {
+            let mut s = vec![0.0; self.cols()];
+            iterate.coefficients(&mut s);
+            assert_near(&residual(&mut self.op, &self.unit, &s), iterate.residual, 1e-10);
+            self.seen.push((iterate.iterations, length(iterate.residual)));
+        }
+    }
+    let (fourier, partner) = Dense::fourier(101);
+    let mut rng = Lcg(3);
+    for (share, columns) in [(0.4, false), (0.4, true), (0.2, true)] {
+        let op = fourier.select(&(0..101).filter(|_| rng.uniform() < share).collect::<Vec<_>>()).channels(2);
+        let y = uniform(op.rows(), &mut rng);
+        let unit = y.iter().map(|v| v / length(&y)).collect();
+        let norm = Norm::group(101, 2, None, Some(&partner)).unwrap();
+        let options = Options { gap_tolerance: f64::INFINITY, ..tight() };
+        let mut watched = Watched { op, columns, unit, seen: Vec::new() };
+        let solution = bpdn(&mut watched, &y, 0.1 * length(&y), &norm, &options).unwrap();
+        let seen = watched.seen;
+        assert!(seen.iter().map(|step| step.0).eq(0..=solution.iterations));
+        assert!((seen[0].1 - 1.0).abs() < 1e-12 && (seen[solution.iterations].1 - 0.1).abs() < 1e-3);
     }
 }
 

@@ -122,6 +122,7 @@ pub(super) fn bpdn<O: Operator + ?Sized>(
         if !(cc.is_finite() && residual.is_finite()) {
             break Stop::NotFinite;
         }
+        descent.show(iterations);
         let yr = dot(y, &descent.at.r);
         let excess = residual - sigma;
         if excess <= tolerance {

@@ -58,6 +58,9 @@ pub enum Command {
     /// Make a synthetic table
     #[command(after_help = EXIT_CODES)]
     Synth(SynthArgs),
+    /// Plot error against time and bytes over the encoder's settings, and how its solves go
+    #[command(after_help = EXIT_CODES)]
+    Report(ReportArgs),
     /// See it work: makes a material, compresses it, shows figures and a picture
     #[command(after_help = EXIT_CODES)]
     Demo(DemoArgs),
@@ -102,7 +105,7 @@ pub struct EncodeArgs {
     #[arg(long, value_enum)]
     pub basis: Option<BasisArg>,
     /// Block lengths along theta_h, theta_d, phi_d [default: the preset's]
-    #[arg(long, value_name = "I,J,K", value_parser = lengths)]
+    #[arg(long, visible_alias = "block-shape", value_name = "I,J,K", value_parser = lengths)]
     pub block: Option<List>,
     /// Constant of the tone map ln(f + eps), 1/sr [default: the preset's]
     #[arg(long, value_parser = positive::<f64>)]
@@ -110,6 +113,9 @@ pub struct EncodeArgs {
     /// Rms residual that the recovery may leave at the samples, log domain [default: the preset's]
     #[arg(long, value_parser = not_negative)]
     pub sigma: Option<f64>,
+    /// Most iterations of one solve of the recovery [default: the preset's]
+    #[arg(long, value_name = "N")]
+    pub iterations: Option<u32>,
     /// Exponent p of the weights (1 + |k|)^p on the coefficients in the recovery, 0 to 4 [default: the preset's]
     #[arg(long, value_name = "P", value_parser = not_negative)]
     pub weighting: Option<f64>,
@@ -283,6 +289,42 @@ pub struct SynthArgs {
     pub force: bool,
 }
 
+/// Arguments of `report`.
+///
+/// Writes report.html, report.csv and traces.csv. Encode seconds are of one run without reading and writing, decode
+/// seconds the best of five of the whole table from memory, both on all threads: compare them within one report.
+#[derive(Debug, Args)]
+pub struct ReportArgs {
+    /// MERL .binary tables
+    #[arg(required = true, value_name = "TABLE")]
+    pub tables: Vec<PathBuf>,
+    /// Folder for the report, made if it does not exist
+    #[arg(long, short, value_name = "DIR", default_value = "csbrdf-report")]
+    pub out: PathBuf,
+    /// Settings to try
+    #[arg(long, value_enum, default_value_t = GridArg::Full)]
+    pub grid: GridArg,
+    /// Sampling ratios, with commas between them [default: 1%,5%,20%,50%; quick: 5%,20%]
+    #[arg(long, value_name = "RATIOS", value_delimiter = ',', value_parser = ratio)]
+    pub ratios: Vec<f64>,
+    /// Options of `csbrdf encode` for every point, as one argument
+    #[arg(long, value_name = "OPTIONS", default_value = "", hide_default_value = true, allow_hyphen_values = true)]
+    pub encode: String,
+    /// Blocks to follow the solves of, by number in the partition into 15 x 15 x 15 [default: the smooth, the glossy
+    /// and the stiff one, of least, median and greatest log range among the blocks that are valid by half]
+    #[arg(long, value_name = "N,N,...", value_delimiter = ',')]
+    pub trace_blocks: Vec<usize>,
+    /// Most iterations of a followed solve
+    #[arg(long, value_name = "N", default_value_t = 1000)]
+    pub trace_iterations: u32,
+    /// Pixels across the picture for render PSNR; 0 for none
+    #[arg(long, value_name = "SIZE", default_value_t = 64, value_parser = clap::value_parser!(u16).range(0..=2048))]
+    pub render: u16,
+    /// Replace the files of an earlier report
+    #[arg(long, short)]
+    pub force: bool,
+}
+
 /// Arguments of `demo`.
 #[derive(Debug, Args)]
 pub struct DemoArgs {
@@ -314,6 +356,15 @@ pub enum SamplingArg {
 
 fn sampling(text: &str) -> Result<SamplingArg, String> {
     if text == "auto" { Ok(SamplingArg::Auto) } else { ratio(text).map(SamplingArg::Ratio) }
+}
+
+/// `--grid`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum GridArg {
+    /// Presets, sampling ratios, bases, block shapes, tolerances: minutes a table
+    Full,
+    /// Presets and a few points of the rest
+    Quick,
 }
 
 /// `--basis`.

@@ -10,6 +10,7 @@ use csbrdf::encode::{Channels, Encoder, Preset};
 use csbrdf::format::metadata::Metadata;
 use csbrdf::fourier::Basis;
 use csbrdf::sample::Sampling;
+use csbrdf::table::BrdfTable;
 use csbrdf::table::merl::read_merl;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use sha2::{Digest, Sha256};
@@ -115,7 +116,8 @@ fn targets(args: &EncodeArgs, inputs: &[PathBuf]) -> Result<Vec<Target>, Failure
     Ok(targets)
 }
 
-fn encoder(args: &EncodeArgs) -> Encoder {
+/// The encoder with the settings of a command line.
+pub fn encoder(args: &EncodeArgs) -> Encoder {
     let mut encoder = Encoder::new().seed(args.seed).preset(match args.preset {
         PresetArg::Archive => Preset::Archive,
         PresetArg::Paper => Preset::Paper,
@@ -151,6 +153,9 @@ fn encoder(args: &EncodeArgs) -> Encoder {
     if let Some(sigma) = args.sigma {
         encoder = encoder.sigma(sigma);
     }
+    if let Some(iterations) = args.iterations {
+        encoder = encoder.iterations(iterations as usize);
+    }
     if let Some(weighting) = args.weighting {
         encoder = encoder.weighting(weighting);
     }
@@ -164,7 +169,7 @@ fn encoder(args: &EncodeArgs) -> Encoder {
 }
 
 /// The metadata that `--meta` gives.
-fn metadata(pairs: &[(String, String)]) -> Result<Metadata, Failure> {
+pub fn metadata(pairs: &[(String, String)]) -> Result<Metadata, Failure> {
     let mut m = Metadata::default();
     for (key, value) in pairs {
         let single = match key.as_str() {
@@ -202,6 +207,29 @@ fn metadata(pairs: &[(String, String)]) -> Result<Metadata, Failure> {
     Ok(m)
 }
 
+/// A MERL table's bytes as a table and the metadata of its file.
+pub fn parse(input: &Path, bytes: &[u8], metadata: &Metadata) -> Result<(BrdfTable, Metadata), Failure> {
+    let table = read_merl(bytes).map_err(|e| Failure::in_file(input, &e))?;
+    let metadata = describe(input, bytes, &table, metadata)?;
+    Ok((table, metadata))
+}
+
+/// The metadata of a table's file: that given, and the input's name and hash. A table without valid entries fails.
+fn describe(input: &Path, bytes: &[u8], table: &BrdfTable, metadata: &Metadata) -> Result<Metadata, Failure> {
+    if table.valid_count() == 0 {
+        let what = "no entry is valid: all are negative, NaN or infinite; there is nothing to encode";
+        return Err(Failure::bad_input(input, what));
+    }
+    let mut metadata = metadata.clone();
+    metadata.source_sha256.get_or_insert_with(|| hex(&Sha256::digest(bytes)));
+    if !is_dash(input) {
+        let text = |part: Option<&std::ffi::OsStr>| part.map(|p| p.to_string_lossy().into_owned());
+        metadata.source_file = metadata.source_file.or_else(|| text(input.file_name()));
+        metadata.name = metadata.name.or_else(|| text(input.file_stem()));
+    }
+    Ok(metadata)
+}
+
 fn encode(
     input: &Path,
     target: &Target,
@@ -214,25 +242,16 @@ fn encode(
     let source = input::read(input)?;
     let bytes = source.as_ref();
     target.check(args.force)?;
-    let table = if args.samples.is_some() {
-        samples::table(input, bytes, args.grid.as_deref().map(plan::merl), quiet)?
+    let (table, metadata) = if args.samples.is_some() {
+        let table = samples::table(input, bytes, args.grid.as_deref().map(plan::merl), quiet)?;
+        let metadata = describe(input, bytes, &table, metadata)?;
+        (table, metadata)
     } else {
         input::expect_merl(input, bytes)?;
-        read_merl(bytes).map_err(|e| Failure::in_file(input, &e))?
+        parse(input, bytes, metadata)?
     };
     // Of the table as MERL writes it, also where a list of measurements came in.
     let size = 12 + 8 * table.values().len();
-    if table.valid_count() == 0 {
-        let what = "no entry is valid: all are negative, NaN or infinite; there is nothing to encode";
-        return Err(Failure::bad_input(input, what));
-    }
-    let mut metadata = metadata.clone();
-    metadata.source_sha256.get_or_insert_with(|| hex(&Sha256::digest(bytes)));
-    if !is_dash(input) {
-        let text = |part: Option<&std::ffi::OsStr>| part.map(|p| p.to_string_lossy().into_owned());
-        metadata.source_file = metadata.source_file.or_else(|| text(input.file_name()));
-        metadata.name = metadata.name.or_else(|| text(input.file_stem()));
-    }
     drop(source);
     let bar = OnceLock::new();
     let progress = |share: f64| {

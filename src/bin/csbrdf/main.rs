@@ -12,6 +12,7 @@ mod input;
 mod output;
 mod picture;
 mod plan;
+mod report;
 mod samples;
 mod synth;
 mod text;
@@ -58,6 +59,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Compare(args) => compare::run(&args),
         Command::Eval(args) => eval::run(&args),
         Command::Synth(args) => synth::run(&args),
+        Command::Report(args) => report::run(&args, cli.threads, cli.quiet),
         Command::Demo(args) => demo::run(&args),
     }
 }

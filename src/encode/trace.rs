@@ -1,0 +1,222 @@
+//! How the l1 solves of a block go: residual and duality gap against iterations and seconds.
+
+use std::time::{Duration, Instant};
+
+use super::Encoder;
+use super::recover::Recoverer;
+use crate::error::{Error, Result};
+use crate::solve::norm::Norm;
+use crate::solve::spgl1::{self, Options, Solution};
+use crate::solve::{Iterate, Operator};
+use crate::table::BrdfTable;
+
+/// How far to follow a solve: beyond the encoder, which stops at the first point that reaches sigma.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// Most iterations; those of the encoder if they are more.
+    pub iterations: usize,
+    /// Relative duality gap that ends a solve, above 0.
+    pub gap: f64,
+}
+
+/// One solve.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trace {
+    /// Samples y.
+    pub samples: usize,
+    /// Coefficients s.
+    pub coefficients: usize,
+    /// Bound on the rms residual, log domain.
+    pub sigma: f64,
+    /// Iterations after which an encode stops: sigma is reached, or its own limit.
+    pub encoder_stops: usize,
+    /// The start and every iterate.
+    pub steps: Vec<Step>,
+}
+
+/// An iterate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// Iterations so far.
+    pub iterations: usize,
+    /// Forward and adjoint transforms so far.
+    pub transforms: usize,
+    /// Wall seconds so far, one thread, those of the tracing taken off.
+    pub seconds: f64,
+    /// Rms residual at the samples, log domain.
+    pub residual: f64,
+    /// Relative duality gap, the best so far: (upper - lower) / upper.
+    ///
+    /// Every residual r bounds the least norm from below (`solve::pareto`). From above it is bounded by the norm of
+    /// the point s + (1 - sigma / ||r||) A^T r, whose residual is sigma because the rows of A are orthonormal.
+    pub gap: f64,
+}
+
+impl Encoder {
+    /// Follows the solves of one block, of one component of its values after the other; none where every entry of
+    /// the block is a sample, nor with a trend, which leaves windows to solve in place of blocks. `block` is the number of the block in the partition of an encode.
+    ///
+    /// # Errors
+    /// As [`Encoder::encode`]; `InvalidArgument` if there is no such block or a limit is out of range.
+    pub fn trace(&self, table: &BrdfTable, block: usize, limits: Limits) -> Result<Vec<Trace>> {
+        self.check()?;
+        if limits.gap.is_nan() || limits.gap <= 0.0 {
+            return Err(Error::InvalidArgument(format!("gap is {}, must be above 0", limits.gap)));
+        }
+        let transform = self.choose_transform(table);
+        let (partition, _) = self.choose_partition(table, &transform, &|_| {})?;
+        let Some(place) = partition.block(block) else {
+            let count = partition.block_count();
+            return Err(Error::InvalidArgument(format!("no block {block}, there are {count}")));
+        };
+        if self.trend {
+            return Ok(Vec::new());
+        }
+        let mut recoverer = Recoverer::new(self.recovery(self.iterations));
+        recoverer.tracer = Some(Tracer { limits, traces: Vec::new() });
+        self.quantize_block(table, &transform, None, &mut recoverer, block, &place).ok_or_else(|| self.too_fine())?;
+        Ok(recoverer.tracer.map(|tracer| tracer.traces).unwrap_or_default())
+    }
+}
+
+/// Solves and keeps how it went.
+pub(super) struct Tracer {
+    limits: Limits,
+    traces: Vec<Trace>,
+}
+
+impl Tracer {
+    /// As [`spgl1::bpdn`], to the limits of the trace.
+    pub(super) fn bpdn<O: Operator>(
+        &mut self,
+        op: &mut O,
+        y: &[f64],
+        sigma: f64,
+        norm: &Norm,
+        options: &Options,
+    ) -> Result<Solution> {
+        let further = Options {
+            max_iterations: self.limits.iterations.max(options.max_iterations),
+            gap_tolerance: self.limits.gap,
+            ..*options
+        };
+        let stop = spgl1::bpdn(op, y, sigma, norm, options)?.iterations;
+        let length = y.iter().map(|v| v * v).sum::<f64>().sqrt();
+        let mut watched = Watched {
+            op,
+            norm,
+            unit: y.iter().map(|v| v / length).collect(),
+            sigma: sigma / length,
+            feasible: vec![0.0; norm.cols()],
+            correlation: vec![0.0; norm.cols()],
+            lower: 0.0,
+            upper: f64::INFINITY,
+            begin: Instant::now(),
+            watching: Duration::ZERO,
+            steps: Vec::new(),
+        };
+        let solution = spgl1::bpdn(&mut watched, y, sigma, norm, &further)?;
+        let mut steps = watched.steps;
+        let rms = (y.len() as f64).sqrt();
+        steps.iter_mut().for_each(|step| step.residual *= length / rms);
+        self.traces.push(Trace {
+            samples: y.len(),
+            coefficients: norm.cols(),
+            sigma: sigma / rms,
+            encoder_stops: stop.min(solution.iterations),
+            steps,
+        });
+        Ok(solution)
+    }
+}
+
+/// An operator that keeps what it is shown.
+struct Watched<'a, O> {
+    op: &'a mut O,
+    norm: &'a Norm,
+    /// y / ||y||
+    unit: Vec<f64>,
+    /// sigma / ||y||
+    sigma: f64,
+    feasible: Vec<f64>,
+    /// A^T r
+    correlation: Vec<f64>,
+    /// Best bounds of the least norm so far.
+    lower: f64,
+    upper: f64,
+    begin: Instant,
+    /// Time spent here.
+    watching: Duration,
+    /// With residuals relative to ||y||.
+    steps: Vec<Step>,
+}
+
+impl<O: Operator> Operator for Watched<'_, O> {
+    fn rows(&self) -> usize {
+        self.op.rows()
+    }
+
+    fn cols(&self) -> usize {
+        self.op.cols()
+    }
+
+    fn forward(&mut self, coefficients: &[f64], samples: &mut [f64]) {
+        self.op.forward(coefficients, samples);
+    }
+
+    fn adjoint(&mut self, samples: &[f64], coefficients: &mut [f64]) {
+        self.op.adjoint(samples, coefficients);
+    }
+
+    fn column(&mut self, index: usize, samples: &mut [f64]) -> bool {
+        self.op.column(index, samples)
+    }
+
+    fn watch(&mut self, iterate: &Iterate) {
+        let now = Instant::now();
+        let seconds = (now - self.begin).saturating_sub(self.watching).as_secs_f64();
+        let product = |a: &[f64]| a.iter().zip(iterate.residual).map(|(a, r)| a * r).sum::<f64>();
+        let residual = product(iterate.residual).sqrt();
+        // The solver may know it for some of the columns only.
+        self.op.adjoint(iterate.residual, &mut self.correlation);
+        let lower = (product(&self.unit) - self.sigma * residual) / self.norm.dual(&self.correlation);
+        let factor = 1.0 - self.sigma / residual;
+        iterate.coefficients(&mut self.feasible);
+        self.feasible.iter_mut().zip(&self.correlation).for_each(|(f, c)| *f += factor * c);
+        self.lower = self.lower.max(lower);
+        self.upper = self.upper.min(self.norm.primal(&self.feasible));
+        let gap = if self.upper > self.lower { (self.upper - self.lower) / self.upper } else { 0.0 };
+        let Iterate { iterations, transforms, .. } = *iterate;
+        self.steps.push(Step { iterations, transforms, seconds, residual, gap });
+        self.watching += now.elapsed();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::encode::Preset;
+    use crate::table::synth::Recipe;
+
+    #[test]
+    fn a_trace_ends_at_the_gap_and_has_the_encoders_stop_on_its_way() {
+        let table = Recipe::named("satin-paint").unwrap().merl().unwrap();
+        let encoder = Encoder::new().preset(Preset::Paper).sigma(0.02);
+        let traces = encoder.trace(&table, 200, Limits { iterations: 2000, gap: 0.01 }).unwrap();
+        assert_eq!(traces.len(), 3);
+        for trace in &traces {
+            let (first, last) = (trace.steps[0], trace.steps[trace.steps.len() - 1]);
+            assert!(trace.steps.iter().map(|s| s.iterations).eq(0..trace.steps.len()));
+            assert!(trace.steps.windows(2).all(|w| w[1].gap <= w[0].gap && w[1].seconds >= w[0].seconds));
+            assert!(first.gap > 0.1 && last.gap <= 0.0101, "{first:?} {last:?}");
+            assert!(last.residual <= 1.01 * trace.sigma && first.residual > 2.0 * trace.sigma);
+            let stop = trace.encoder_stops;
+            assert!(stop > 0 && stop <= last.iterations && trace.steps[stop].residual <= 1.01 * trace.sigma);
+        }
+        assert!(encoder.trace(&table, 432, Limits { iterations: 1, gap: 0.1 }).is_err());
+        let full = Encoder::new().block_shape(&[15, 15, 15]);
+        for none in [full, encoder.trend(true)] {
+            assert!(none.trace(&table, 200, Limits { iterations: 1, gap: 0.1 }).unwrap().is_empty());
+        }
+    }
+}
