@@ -13,6 +13,7 @@ mod output;
 mod picture;
 mod plan;
 mod samples;
+mod study;
 mod synth;
 mod text;
 mod verify;
@@ -59,5 +60,6 @@ fn run(cli: Cli) -> Outcome {
         Command::Eval(args) => eval::run(&args),
         Command::Synth(args) => synth::run(&args),
         Command::Demo(args) => demo::run(&args),
+        Command::Study(args) => study::run(&args, cli.quiet),
     }
 }
