@@ -178,7 +178,7 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grid::{Axis, AxisName, Mapping};
+    use crate::grid::{Axis, AxisName, Grid, Mapping};
     use crate::table::synth::Recipe;
 
     fn white(_: [f64; 3]) -> [f64; 3] {

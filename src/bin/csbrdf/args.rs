@@ -329,7 +329,7 @@ pub struct StudyArgs {
     /// Light: a latitude-longitude map, .hdr or .exr, zenith on top [default: a built-in sky with two area lights]
     #[arg(long, value_name = "FILE")]
     pub environment: Option<PathBuf>,
-    /// A small study that shows that all works: two materials, one ratio, little pictures, an eighth of the blocks in
+    /// A small study that shows that all works: two materials, one ratio, little pictures, a seventh of the blocks in
     /// the figure of negative values; other options go before it
     #[arg(long)]
     pub quick: bool,

@@ -121,7 +121,8 @@ pub fn write(plan: &Plan, rows: &[Row], folder: &Folder) -> Result<Section, Fail
         [format!("{:.3}", sum(|p| p.raw)), format!("{:.3}", sum(|p| p.log))]
     };
     let mut cells = Vec::new();
-    let kinds: [(&str, fn(&Row) -> Pair); 4] = [
+    type Kind = (&'static str, fn(&Row) -> Pair);
+    let kinds: [Kind; 4] = [
         ("DFT", |r| r.dft),
         ("DFT without mean", |r| r.dft_without_mean),
         ("DCT", |r| r.dct),

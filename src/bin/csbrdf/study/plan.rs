@@ -93,7 +93,7 @@ impl Plan {
             size: args.size.unwrap_or(if args.quick { 48 } else { 192 }).into(),
             samples: args.spp.unwrap_or(if args.quick { 16 } else { 64 }).into(),
             seed: args.seed,
-            block_stride: if args.quick { 8 } else { 1 },
+            block_stride: if args.quick { 7 } else { 1 },
             environment,
             environment_name,
             command: String::new(),
@@ -218,7 +218,7 @@ fn command(args: &StudyArgs, plan: &Plan) -> String {
     let ratios: Vec<String> = plan.ratios.iter().map(|r| percentage(*r).replace(' ', "")).collect();
     let sheet = plan.materials.iter().filter(|m| m.on_sheet).count();
     let mut line = format!("csbrdf study {} --out {}", quote(&args.folder), quote(&args.out));
-    line += &format!(" --materials {} --ratios {} --sheet {sheet}", quote(&chosen.join(",")), ratios.join(","));
+    line += &format!(" --materials {} --ratios {} --sheet {sheet}", quote(chosen.join(",")), ratios.join(","));
     line += &format!(" --size {} --spp {} --seed {}", plan.size, plan.samples, plan.seed);
     if let Some(file) = &args.environment {
         line += &format!(" --environment {}", quote(file));

@@ -75,14 +75,16 @@ fn rows(
     shape: Shape,
 ) -> Result<String, Failure> {
     let count = marks.len().max(1);
-    svg(760, 110 + 22 * count as u32, |area| {
+    // Room for the legend above the first row.
+    let top = count as f64 + 1.4;
+    svg(760, 150 + 22 * count as u32, |area| {
         let mut chart = ChartBuilder::on(area)
             .caption(title, ("sans-serif", 18))
             .margin(12)
             .x_label_area_size(44)
             .y_label_area_size(190)
-            .build_cartesian_2d(range[0]..range[1], -0.5..count as f64 - 0.5)?;
-        // The first material on top.
+            .build_cartesian_2d(range[0]..range[1], -0.5..top)?;
+        // The first material on top; labels come at halves too.
         let name = |y: &f64| {
             let at = count as f64 - 1.0 - y;
             let near = (at - at.round()).abs() < 1e-6 && at > -0.5;
@@ -91,7 +93,8 @@ fn rows(
         chart
             .configure_mesh()
             .x_desc(axis)
-            .y_labels(2 * count + 2)
+            .y_labels(2 * count + 4)
+            .disable_y_mesh()
             .y_label_formatter(&name)
             .x_label_style(("sans-serif", 13))
             .y_label_style(("sans-serif", 13))
@@ -137,14 +140,17 @@ pub fn lines(title: &str, axes: [&str; 2], level: f64, all: &[Line]) -> Result<S
     };
     let ((left, right), (low, high)) =
         if points().next().is_some() { (span(|p| p.0), span(|p| p.1)) } else { ((1.0, 2.0), (level, level)) };
+    let mut shares: Vec<f64> = points().map(|p| p.0).collect();
+    shares.sort_unstable_by(f64::total_cmp);
+    shares.dedup();
+    let ticks = (0.8 * left..1.25 * right).log_scale().with_key_points(shares);
     svg(760, 460, |area| {
         let mut chart = ChartBuilder::on(area)
             .caption(title, ("sans-serif", 18))
             .margin(12)
             .x_label_area_size(44)
             .y_label_area_size(56)
-            .right_y_label_area_size(8)
-            .build_cartesian_2d((0.8 * left..1.25 * right).log_scale(), low.min(level) - 2.0..high.max(level) + 2.0)?;
+            .build_cartesian_2d(ticks, low.min(level) - 2.0..high.max(level) + 2.0)?;
         chart
             .configure_mesh()
             .x_desc(axes[0])
