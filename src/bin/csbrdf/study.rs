@@ -56,7 +56,7 @@ pub fn run(args: &StudyArgs, quiet: bool) -> Outcome {
     for material in &plan.materials {
         if let Err(failure) = examine(&plan, material, &progress, &mut figures) {
             progress.skip(plan.steps_of(material));
-            failure.report();
+            progress.report(&failure);
             first_failure.get_or_insert(failure.reported());
             left_out.push(material.name.clone());
         }
@@ -110,6 +110,7 @@ fn examine(plan: &Plan, material: &Material, progress: &Progress, figures: &mut 
             if let (Some(role), true) = (plan.role(material), ratio == plan.focus) {
                 figures.scene.enter(role, preset, texels);
             }
+            progress.tell(&format!("{}: {trial}", material.name));
             trials.push(trial);
         }
         if let Some(shot) = shot {

@@ -3,6 +3,7 @@
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::plan::Plan;
+use crate::failure::{Failure, note};
 
 /// Parts of one step, for its inner progress.
 const FINE: u64 = 1000;
@@ -10,6 +11,7 @@ const FINE: u64 = 1000;
 /// Progress in steps: an encode, or the recoveries of a material.
 pub struct Progress {
     bar: ProgressBar,
+    quiet: bool,
 }
 
 impl Progress {
@@ -19,12 +21,24 @@ impl Progress {
         let bar = ProgressBar::with_draw_target(Some(steps as u64 * FINE), target);
         let style = ProgressStyle::with_template("{msg} [{bar:30}] {percent:>3} %  {elapsed}, {eta} left");
         bar.set_style(style.map(|s| s.progress_chars("=> ")).unwrap_or_else(|_| ProgressStyle::default_bar()));
-        Progress { bar }
+        Progress { bar, quiet }
     }
 
     /// Names what is worked on.
     pub fn begin(&self, what: &str) {
         self.bar.set_message(what.to_string());
+    }
+
+    /// A line on standard error beside the bar: what has been found so far, should the study be ended early.
+    pub fn tell(&self, line: &str) {
+        if !self.quiet {
+            self.bar.suspend(|| note(line));
+        }
+    }
+
+    /// Reports a failure, quiet or not.
+    pub fn report(&self, failure: &Failure) {
+        self.bar.suspend(|| failure.report());
     }
 
     /// Runs one step; it is given a function to call with its own progress, 0 to 1.

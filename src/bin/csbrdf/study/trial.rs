@@ -6,10 +6,11 @@ use csbrdf::render::Texels;
 use csbrdf::sample::Sampling;
 use csbrdf::table::BrdfTable;
 
-use super::plan::{PRESETS, Plan};
+use super::plan::{PRESETS, Plan, percentage};
 use super::progress::Progress;
 use super::shot::{self, Psnr, Shot};
 use crate::picture::Picture;
+use crate::text::{decibel, error_figure, grouped};
 
 /// What became of a material.
 pub struct Trial {
@@ -61,5 +62,16 @@ impl Trial {
             sphere,
         };
         Ok((trial, texels))
+    }
+}
+
+impl std::fmt::Display for Trial {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let (preset, ratio) = (PRESETS[self.preset].0, percentage(self.ratio));
+        write!(f, "{preset}, {ratio}, {} bytes, log rms {}", grouped(self.bytes), error_figure(self.log_rms))?;
+        if let Some((psnr, _)) = &self.sphere {
+            write!(f, ", {} dB", decibel(psnr.objects))?;
+        }
+        write!(f, ", {:.1} s", self.seconds)
     }
 }
