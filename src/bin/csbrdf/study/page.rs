@@ -3,6 +3,7 @@
 use std::fmt::Write;
 
 use super::plan::{PRESETS, Plan, percentage};
+use super::shot::DEFINITION;
 
 const STYLE: &str = "body{font:15px/1.5 system-ui,sans-serif;margin:2em auto;max-width:1200px;padding:0 1em;color:#222}\
 h1{font-size:1.6em}h2{font-size:1.25em;margin-top:2.2em;border-top:1px solid #ccc;padding-top:.8em}\
@@ -93,7 +94,7 @@ impl Page {
         let mut head = format!(
             "<h1>Measured BRDFs from few samples</h1>\n<p>The study of Seylan, Ergun, Ozturk, &quot;BRDF Reconstruction \
              Using Compressive Sensing&quot; (WSCG 2013), repeated by csbrdf {} on {} tables. Presets: {}. Ratios: {}. \
-             Seed {}.</p>\n<pre>{}</pre>\n",
+             Seed {}.</p>\n<p>{DEFINITION}</p>\n<pre>{}</pre>\n",
             env!("CARGO_PKG_VERSION"),
             plan.materials.len(),
             presets.join(", "),

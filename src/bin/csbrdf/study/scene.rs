@@ -9,7 +9,7 @@ use super::folder::Folder;
 use super::page::Section;
 use super::plan::{PRESETS, Plan, percentage};
 use super::progress::Progress;
-use super::shot::{DEFINITION, Shot};
+use super::shot::Shot;
 use crate::failure::Failure;
 use crate::picture::Picture;
 use crate::text::decibel;
@@ -54,7 +54,7 @@ pub fn write(plan: &Plan, cast: &Cast, folder: &Folder, progress: &Progress) -> 
     folder.picture("scene-reference.png", &shot.picture())?;
     section.text(&format!(
         "A ball of {ball} and a ring of {ring} on a floor of grey squares, direct light with shadows, {} samples a \
-         pixel. Environment: {}. {DEFINITION}",
+         pixel. Environment: {}.",
         plan.samples, plan.environment_name
     ));
     section.image("scene-reference.png", "Reference");
@@ -78,7 +78,10 @@ pub fn write(plan: &Plan, cast: &Cast, folder: &Folder, progress: &Progress) -> 
         let file = format!("scene-{name}.png");
         folder.picture(&file, &pair)?;
         let (objects, all) = (decibel(psnr.objects), decibel(psnr.picture));
-        section.claim("the two-material scene at 5 %: 51.63 dB", &format!("preset {name}: {objects} dB ({all} dB)"));
+        section.claim(
+            "the two-material scene at 5 %: 51.63 dB",
+            &format!("preset {name} at {}: {objects} dB ({all} dB)", percentage(plan.focus)),
+        );
         section.image(&file, &format!("Preset {name}: rebuilt, and the difference times 8"));
     }
     folder.write("scene.csv", csv.bytes())?;

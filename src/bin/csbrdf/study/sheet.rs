@@ -44,7 +44,8 @@ pub fn write(plan: &Plan, rows: &[Row], folder: &Folder) -> Result<Section, Fail
     let at = percentage(plan.focus);
     let mut section = Section::new(&format!("{} materials at {at} (figure 5)", rows.len()));
     section.text(&format!(
-        "Rebuilt from {at} of the entries; in the corners: difference times 8. Light and PSNR as above."
+        "Rebuilt from {at} of the entries; in the corners: difference times 8. Environment: {}.",
+        plan.environment_name
     ));
     for (preset, (name, _)) in PRESETS.iter().enumerate() {
         let columns = COLUMNS.min(rows.len().max(1));

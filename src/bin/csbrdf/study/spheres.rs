@@ -5,7 +5,7 @@ use super::folder::Folder;
 use super::page::Section;
 use super::plan::{PRESETS, Plan, percentage};
 use super::plot::{Line, lines};
-use super::shot::{DEFINITION, Shot};
+use super::shot::Shot;
 use super::trial::Trial;
 use crate::failure::Failure;
 use crate::picture::Picture;
@@ -77,7 +77,7 @@ pub fn write(plan: &Plan, rows: &[Row], folder: &Folder) -> Result<Section, Fail
     let mut section = Section::new("Spheres by sampling ratio (figure 4)");
     section.text(&format!(
         "Spheres of unit radius without perspective, direct light, {} samples a pixel. Environment: {}. In the corners: \
-         difference times 8. {DEFINITION}",
+         difference times 8.",
         plan.samples, plan.environment_name
     ));
     for (preset, (name, _)) in PRESETS.iter().enumerate() {
