@@ -100,10 +100,10 @@ impl Plan {
             folder: args.folder.clone(),
             figures,
         };
-        let unused = |m: &Material| plan.ratios_of(m).is_empty() && !m.chosen && !m.on_sheet;
-        let drop_from = plan.materials.iter().position(unused).unwrap_or(plan.materials.len());
-        plan.materials.truncate(drop_from);
         plan.command = command(args, &plan);
+        let gini = plan.makes(FigureArg::Gini);
+        let used = |m: &Material| plan.steps_of(m) > 0 || gini && m.on_sheet;
+        plan.materials = plan.materials.iter().filter(|m| used(m)).cloned().collect();
         Ok(plan)
     }
 
