@@ -3,8 +3,11 @@
 //! The log error of an entry is `ln(b + eps) - ln(a + eps)` with both values in 1/sr, so that the dark parts of a table,
 //! a million times below its highlight, count like the bright ones.
 
+mod gini;
+
 use crate::error::{Error, Result};
 use crate::table::BrdfTable;
+pub use gini::gini;
 
 /// The constant in the log error, 1/sr, unless another is given.
 pub const DEFAULT_EPS: f64 = 1e-3;

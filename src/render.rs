@@ -1,21 +1,26 @@
-//! A small deterministic renderer for pictures of materials and for render PSNR.
+//! Small deterministic renderers for pictures of materials and for render PSNR.
 //!
-//! A sphere of unit radius, seen from +z without perspective, under a fixed environment ([`light`]). Direct light only.
+//! [`trace`] renders scenes under any environment map by sampling. What follows is the quick one, for `compare`:
+//! a sphere of unit radius, seen from +z without perspective, under a fixed environment ([`light`]). Direct light only.
 //! Every pixel sums the same few hundred directions: some over the whole sphere for the sky, more over the two area
 //! lights, and the mirror images of the viewer in a fixed set of half vectors, dense around the normal as the bins of
 //! theta_h are, so that a narrow lobe sees a smooth environment. All are one quadrature: a direction weighs one over
 //! the summed density of the four sets (balance heuristic, Veach 1995). Nothing is random.
 
+pub mod environment;
+mod half;
 pub mod light;
 pub mod picture;
+pub mod scene;
+pub mod texels;
+pub mod trace;
 
 use std::f64::consts::PI;
 
-use crate::coords::{Lookup, grid_coordinates, taps};
-use crate::grid::Grid;
 use crate::table::BrdfTable;
 use light::{GOLDEN_TURN, LIGHTS};
 pub use picture::{Image, channel_psnr, difference, psnr, write_png};
+pub use texels::Texels;
 
 /// Radius of the sphere over half the width of the picture.
 pub const RADIUS: f64 = 0.95;
@@ -51,52 +56,10 @@ pub fn render_sphere(size: usize, eval: impl Fn([f64; 3], [f64; 3]) -> [f32; 3])
 
 /// Renders the sphere with the values of a table, interpolated linearly.
 ///
-/// Missing entries are left out of the interpolation and the weights of the others raised; where all are missing, and
-/// on grids whose axes [`grid_coordinates`] does not know, nothing is reflected. Channels named R, G, B give the
-/// colours; of others those nearest to 610, 550 and 465 nm, or else the first, the middle and the last.
+/// Missing entries, other grids and other channels: as [`Texels`].
 pub fn sphere_of_table(table: &BrdfTable, size: usize) -> Image {
-    let grid = table.grid();
-    let channels = colour_channels(grid);
-    // One copy with the colours side by side: a lookup touches a third of the memory. NaN marks missing entries.
-    let texels: Vec<[f32; 3]> = (0..grid.positions())
-        .map(|p| {
-            channels.map(|c| {
-                let value = (table.plane(c)[p] * grid.channels()[c].scale) as f32;
-                if table.valid_plane(c)[p] { value.min(f32::MAX) } else { f32::NAN }
-            })
-        })
-        .collect();
-    render_sphere(size, |wi, wo| {
-        let Some(coordinates) = grid_coordinates(grid, wi, wo) else { return [0.0; 3] };
-        let (mut sums, mut weights) = ([0.0; 3], [0.0; 3]);
-        for &(position, weight) in taps(grid, coordinates, Lookup::Linear).as_slice() {
-            for k in 0..3 {
-                let value = texels[position][k];
-                if !value.is_nan() {
-                    sums[k] += weight * f64::from(value);
-                    weights[k] += weight;
-                }
-            }
-        }
-        std::array::from_fn(|k| if weights[k] > 0.0 { (sums[k] / weights[k]) as f32 } else { 0.0 })
-    })
-}
-
-/// The channels shown as red, green and blue.
-fn colour_channels(grid: &Grid) -> [usize; 3] {
-    let channels = grid.channels();
-    let named = ["R", "G", "B"].map(|name| channels.iter().position(|c| c.name == name));
-    if let [Some(r), Some(g), Some(b)] = named {
-        return [r, g, b];
-    }
-    if channels.iter().all(|c| c.wavelength.is_some()) {
-        return [610.0, 550.0, 465.0].map(|target: f64| {
-            let away = |c: usize| channels[c].wavelength.map_or(f64::INFINITY, |w| (w - target).abs());
-            (0..channels.len()).min_by(|a, b| away(*a).total_cmp(&away(*b))).unwrap_or(0)
-        });
-    }
-    let last = channels.len() - 1;
-    [0, last / 2, last]
+    let texels = Texels::new(table);
+    render_sphere(size, |wi, wo| texels.eval(wi, wo))
 }
 
 /// The directions that every pixel sums.
@@ -124,12 +87,7 @@ impl Quadrature {
         let fixed =
             sky.chain(lights).map(|w| Fixed { towards: w, radiance: radiance(w), density: fixed_density(w) }).collect();
         let half = (0..HALF_SAMPLES)
-            .map(|i| {
-                let u = (i as f64 + 0.5) / HALF_SAMPLES as f64;
-                let (sin, cos) = (u * u, (1.0 - u * u * u * u).sqrt());
-                let (sin_phi, cos_phi) = (GOLDEN_TURN * i as f64).sin_cos();
-                [sin * cos_phi, sin * sin_phi, cos]
-            })
+            .map(|i| half::vector((i as f64 + 0.5) / HALF_SAMPLES as f64, GOLDEN_TURN * i as f64))
             .collect();
         Quadrature { fixed, half }
     }
@@ -149,21 +107,17 @@ impl Quadrature {
             for point in points.iter_mut() {
                 let wi = point.frame.map(|axis| dot(axis, fixed.towards));
                 if wi[2] > 0.0 {
-                    let half: [f64; 3] = std::array::from_fn(|k| wi[k] + point.wo[k]);
-                    let length = dot(half, half).sqrt();
-                    let half = half.map(|c| c / length);
-                    let density = fixed.density + half_density(half, dot(half, point.wo));
+                    let density = fixed.density + HALF_SAMPLES as f64 * half::density_of(wi, point.wo);
                     point.add(eval(wi, point.wo), fixed.radiance, wi[2] / density);
                 }
             }
         }
         for &half in &self.half {
             for point in points.iter_mut() {
-                let along = dot(half, point.wo);
-                let wi: [f64; 3] = std::array::from_fn(|k| 2.0 * along * half[k] - point.wo[k]);
+                let (wi, along) = half::reflect(half, point.wo);
                 if along > 0.0 && wi[2] > 0.0 {
                     let towards = std::array::from_fn(|k| (0..3).map(|j| point.frame[j][k] * wi[j]).sum());
-                    let density = fixed_density(towards) + half_density(half, along);
+                    let density = fixed_density(towards) + HALF_SAMPLES as f64 * half::density(half, along);
                     point.add(eval(wi, point.wo), radiance(towards), wi[2] / density);
                 }
             }
@@ -217,13 +171,6 @@ fn fixed_density(towards: [f64; 3]) -> f64 {
     SKY_SAMPLES as f64 / (4.0 * PI) + LIGHTS.iter().map(|l| l.density(towards)).sum::<f64>()
 }
 
-/// Directions per sr that the half vectors give: sin(theta_h) = u^2 and phi_h uniform, `d(wi) = 4 cos(theta_d) d(h)`.
-fn half_density(half: [f64; 3], cos_theta_d: f64) -> f64 {
-    let sin = (half[0] * half[0] + half[1] * half[1]).sqrt();
-    // Infinite at the normal itself, where the weight becomes 0.
-    HALF_SAMPLES as f64 * half[2] / (4.0 * PI * sin * sin.sqrt()) / (4.0 * cos_theta_d)
-}
-
 fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
@@ -231,7 +178,7 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grid::{Axis, AxisName, Mapping};
+    use crate::grid::{Axis, AxisName, Grid, Mapping};
     use crate::table::synth::Recipe;
 
     fn white(_: [f64; 3]) -> [f64; 3] {
@@ -272,22 +219,5 @@ mod tests {
         let table = BrdfTable::from_values(grid, vec![1.0; 12]).unwrap();
         assert!(sphere_of_table(&table, 8).rgb.iter().all(|v| *v == 0.0));
         assert!(sphere_of_table(&table, 0).rgb.is_empty());
-    }
-
-    #[test]
-    fn colours_come_from_names_or_wavelengths() {
-        let axes = Grid::merl().axes()[..1].to_vec();
-        let channels = |names: &[&str], wavelengths: &[Option<f64>]| {
-            let channel = |(n, w): (&&str, &Option<f64>)| crate::grid::Channel {
-                name: n.to_string(),
-                wavelength: *w,
-                scale: 1.0,
-            };
-            Grid::new(axes.clone(), names.iter().zip(wavelengths).map(channel).collect()).unwrap()
-        };
-        assert_eq!(colour_channels(&channels(&["B", "G", "R"], &[None; 3])), [2, 1, 0]);
-        let wavelengths = [Some(400.0), Some(470.0), Some(540.0), Some(600.0), Some(700.0)];
-        assert_eq!(colour_channels(&channels(&["a", "b", "c", "d", "e"], &wavelengths)), [3, 2, 1]);
-        assert_eq!(colour_channels(&channels(&["luminance"], &[None])), [0, 0, 0]);
     }
 }

@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 /// Factor of the difference picture.
 pub const DIFFERENCE_GAIN: f64 = 8.0;
 
-/// Linear radiance of a rendered sphere.
+/// A rendered picture in linear radiance.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image {
     /// Pixels across.
@@ -25,14 +25,12 @@ impl Image {
     ///
     /// Take the reference's exposure for every picture that is compared with it.
     pub fn exposure(&self) -> f32 {
-        let peak = |p: &[f32]| p.iter().copied().filter(|v| v.is_finite()).fold(0.0, f32::max);
-        let mut peaks: Vec<f32> = self.sphere().map(peak).collect();
-        peaks.sort_unstable_by(f32::total_cmp);
-        let rank = (peaks.len() * 99).div_ceil(100).max(1) - 1;
-        match peaks.get(rank) {
-            Some(white) if *white > 0.0 => (0.9 / white).min(f32::MAX),
-            _ => 1.0,
-        }
+        exposure(self.sphere())
+    }
+
+    /// As [`Image::exposure`], over the pixels that `mask` selects, one flag a pixel, instead of the sphere's.
+    pub fn exposure_over(&self, mask: &[bool]) -> f32 {
+        exposure(self.selected(mask))
     }
 
     /// 8-bit sRGB of the exposed picture, clamped, three bytes a pixel.
@@ -44,6 +42,22 @@ impl Image {
     fn sphere(&self) -> impl Iterator<Item = &[f32]> {
         let (w, h) = (self.width, self.height);
         self.rgb.chunks_exact(3).enumerate().filter(move |(i, _)| on_sphere(*i, w, h)).map(|(_, pixel)| pixel)
+    }
+
+    fn selected<'a>(&'a self, mask: &'a [bool]) -> impl Iterator<Item = &'a [f32]> {
+        self.rgb.chunks_exact(3).zip(mask).filter(|(_, selected)| **selected).map(|(pixel, _)| pixel)
+    }
+}
+
+/// The factor that brings the 99th percentile of the pixels' brightest channels to 0.9.
+fn exposure<'a>(pixels: impl Iterator<Item = &'a [f32]>) -> f32 {
+    let peak = |p: &[f32]| p.iter().copied().filter(|v| v.is_finite()).fold(0.0, f32::max);
+    let mut peaks: Vec<f32> = pixels.map(peak).collect();
+    peaks.sort_unstable_by(f32::total_cmp);
+    let rank = (peaks.len() * 99).div_ceil(100).max(1) - 1;
+    match peaks.get(rank) {
+        Some(white) if *white > 0.0 => (0.9 / white).min(f32::MAX),
+        _ => 1.0,
     }
 }
 
@@ -61,7 +75,21 @@ fn on_sphere(index: usize, width: usize, height: usize) -> bool {
 /// # Errors
 /// `InvalidArgument` if the pictures differ in size.
 pub fn psnr(a: &Image, b: &Image) -> Result<f64> {
-    let (sums, count) = squared_errors(a, b)?;
+    same_size(a, b)?;
+    let (sums, count) = squared_errors(a.sphere().zip(b.sphere()), a.exposure());
+    Ok(decibel(sums.iter().sum(), 3 * count))
+}
+
+/// As [`psnr`], with an exposure of the caller's choice over the pixels that `mask` selects, one flag a pixel.
+///
+/// # Errors
+/// `InvalidArgument` if the pictures or the mask differ in size.
+pub fn psnr_over(a: &Image, b: &Image, exposure: f32, mask: &[bool]) -> Result<f64> {
+    same_size(a, b)?;
+    if mask.len() != a.width * a.height {
+        return Err(Error::InvalidArgument(format!("a mask of {} flags for {} pixels", mask.len(), a.rgb.len() / 3)));
+    }
+    let (sums, count) = squared_errors(a.selected(mask).zip(b.selected(mask)), exposure);
     Ok(decibel(sums.iter().sum(), 3 * count))
 }
 
@@ -70,23 +98,22 @@ pub fn psnr(a: &Image, b: &Image) -> Result<f64> {
 /// # Errors
 /// `InvalidArgument` if the pictures differ in size.
 pub fn channel_psnr(a: &Image, b: &Image) -> Result<[f64; 3]> {
-    let (sums, count) = squared_errors(a, b)?;
+    same_size(a, b)?;
+    let (sums, count) = squared_errors(a.sphere().zip(b.sphere()), a.exposure());
     Ok(sums.map(|sum| decibel(sum, count)))
 }
 
-/// Sums of the squared errors of red, green and blue inside the sphere, and its number of pixels.
-fn squared_errors(a: &Image, b: &Image) -> Result<([f64; 3], usize)> {
-    same_size(a, b)?;
-    let exposure = a.exposure();
+/// Sums of the squared errors of red, green and blue over pairs of pixels, and their number.
+fn squared_errors<'a>(pixels: impl Iterator<Item = (&'a [f32], &'a [f32])>, exposure: f32) -> ([f64; 3], usize) {
     let (mut sums, mut count) = ([0.0; 3], 0);
-    for (p, q) in a.sphere().zip(b.sphere()) {
+    for (p, q) in pixels {
         for ((x, y), sum) in p.iter().zip(q).zip(&mut sums) {
             let error = srgb(x * exposure) - srgb(y * exposure);
             *sum += error * error;
         }
         count += 1;
     }
-    Ok((sums, count))
+    (sums, count)
 }
 
 fn decibel(squares: f64, count: usize) -> f64 {
@@ -167,6 +194,11 @@ mod tests {
         let [r, g, _] = channel_psnr(&a, &red).unwrap();
         assert!((r + 20.0 * error.log10()).abs() < 1e-5 && g.is_infinite());
         assert!((psnr(&a, &red).unwrap() - r - 10.0 * 3f64.log10()).abs() < 1e-9);
+        // A mask selects other pixels than the sphere's.
+        let everywhere = psnr_over(&a, &b, a.exposure_over(&[true; 256]), &[true; 256]).unwrap();
+        assert!((everywhere - psnr(&a, &b).unwrap()).abs() < 1e-9);
+        assert_eq!(psnr_over(&a, &b, 1.0, &[false; 256]).unwrap(), f64::INFINITY);
+        assert!(psnr_over(&a, &b, 1.0, &[true; 255]).is_err());
         // What is outside the sphere does not count.
         let mut c = a.clone();
         c.rgb[0] = 0.0;

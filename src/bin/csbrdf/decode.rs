@@ -13,7 +13,7 @@ use crate::args::{DecodeArgs, FormatArg};
 use crate::failure::{Failure, Outcome};
 use crate::input::{self, Bytes, is_dash};
 use crate::output::Target;
-use crate::text::nine_digits;
+use crate::text::{nine_digits, quoted};
 
 /// Value of an entry that was not measured, as in MERL's tables.
 const MISSING: f32 = -1.0;
@@ -198,9 +198,4 @@ fn write_csv(reader: &Reader<Bytes>, block: &Decoded, out: &mut dyn Write) -> cs
         writeln!(out, "{row}")?;
     }
     Ok(())
-}
-
-/// A field of a CSV file (RFC 4180).
-fn quoted(name: &str) -> String {
-    if name.contains([',', '"', '\n', '\r']) { format!("\"{}\"", name.replace('"', "\"\"")) } else { name.into() }
 }

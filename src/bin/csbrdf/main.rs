@@ -14,6 +14,7 @@ mod picture;
 mod plan;
 mod report;
 mod samples;
+mod study;
 mod synth;
 mod text;
 mod verify;
@@ -61,5 +62,6 @@ fn run(cli: Cli) -> Outcome {
         Command::Synth(args) => synth::run(&args),
         Command::Report(args) => report::run(&args, cli.threads, cli.quiet),
         Command::Demo(args) => demo::run(&args),
+        Command::Study(args) => study::run(&args, cli.quiet),
     }
 }
