@@ -113,7 +113,7 @@ mod tests {
             let bytes = Record { class, doublings: 31, coded }.write(7);
             let back = Record::read(&bytes, 7, 0, 31).unwrap();
             assert_eq!((back.class, back.doublings, back.coded), (class, 31, coded));
-            assert!(Record::read(&bytes, 7, 0, 0, 31).is_err(), "doublings where there are none");
+            assert!(Record::read(&bytes, 7, 0, 0).is_err(), "doublings where there are none");
             assert!(Record::read(&bytes, 8, 0, 31).is_err(), "another block's place");
             for bit in 0..8 * bytes.len() {
                 let mut bad = bytes.clone();
