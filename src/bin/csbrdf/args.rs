@@ -77,7 +77,7 @@ pub struct EncodeArgs {
     pub inputs: Vec<PathBuf>,
     /// A list of measurements in place of a table, or - for standard input: CSV as of `csbrdf plan` with columns r, g, b in
     /// 1/sr. All of it is sampled, all else filled in
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["sampling", "seed"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["sampling", "seed", "rmse"])]
     pub samples: Option<PathBuf>,
     /// Bins of phi_d of the list: 180, or 360 without reciprocity [default: as the list's first line says, else 180]
     #[arg(long, value_name = "BINS", value_parser = ["180", "360"], conflicts_with = "inputs")]
@@ -88,9 +88,9 @@ pub struct EncodeArgs {
     /// Folder for the outputs, made if it does not exist
     #[arg(long, value_name = "DIR")]
     pub out_dir: Option<PathBuf>,
-    /// Settings to start from; the options below change them
-    #[arg(long, value_enum, default_value_t = PresetArg::Archive)]
-    pub preset: PresetArg,
+    /// Settings to start from; the options below change them [default: archive, or sparse with --samples]
+    #[arg(long, value_enum)]
+    pub preset: Option<PresetArg>,
     /// Quantiser step in the log domain: smaller is better and larger [default: the preset's, 0.1]
     #[arg(long, value_name = "STEP", value_parser = positive::<f32>)]
     pub quality: Option<f32>,
@@ -132,6 +132,14 @@ pub struct EncodeArgs {
     /// Replace files that exist
     #[arg(long, short)]
     pub force: bool,
+}
+
+impl EncodeArgs {
+    /// The preset given, or the usual one of what is encoded.
+    pub fn preset(&self) -> PresetArg {
+        let usual = if self.samples.is_some() { PresetArg::Sparse } else { PresetArg::Archive };
+        self.preset.unwrap_or(usual)
+    }
 }
 
 /// Arguments of `plan`.

@@ -118,7 +118,7 @@ fn targets(args: &EncodeArgs, inputs: &[PathBuf]) -> Result<Vec<Target>, Failure
 
 /// The encoder with the settings of a command line.
 pub fn encoder(args: &EncodeArgs) -> Encoder {
-    let mut encoder = Encoder::new().seed(args.seed).preset(match args.preset {
+    let mut encoder = Encoder::new().seed(args.seed).preset(match args.preset() {
         PresetArg::Archive => Preset::Archive,
         PresetArg::Paper => Preset::Paper,
         PresetArg::Sparse => Preset::Sparse,

@@ -120,7 +120,7 @@ pub fn measure(
     Ok(Point {
         settings: settings.into(),
         command: invocation.command.clone(),
-        preset: preset_name(invocation.args.preset),
+        preset: preset_name(invocation.args.preset()),
         basis: reader.coding().basis.as_str().into(),
         block: shapes.join(" "),
         ratio: as_given(reader.coding().sampling.ratio()),
