@@ -16,6 +16,7 @@ pub mod norm;
 mod pareto;
 pub mod sampled;
 pub mod spgl1;
+mod splitting;
 mod vector;
 mod working;
 
@@ -42,6 +43,10 @@ pub trait Operator {
     /// the columns that matter. `false` (the default) leaves the samples alone.
     fn column(&mut self, index: usize, samples: &mut [f64]) -> bool {
         let _ = (index, samples);
+        false
+    }
+    /// Whether A A^T = 1 for certain: there is a faster way to a good point then. `false` is always right.
+    fn orthonormal_rows(&self) -> bool {
         false
     }
 }

@@ -10,6 +10,7 @@
 use super::Operator;
 use super::norm::Norm;
 use super::pareto::{self, Outcome, Search, TAU_LIMIT};
+use super::splitting::Splitting;
 use super::vector::{dot, max_abs, scale};
 use crate::error::{Error, Result};
 use std::time::Instant;
@@ -35,6 +36,9 @@ impl Default for Options {
         Options { max_iterations: 1000, sigma_tolerance: 1e-3, bp_tolerance: 1e-5, gap_tolerance: 1e-2 }
     }
 }
+
+/// Smallest tolerance, over ||y||: what rounding leaves.
+const PRECISION: f64 = 1e-13;
 
 /// Why a solver stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -165,6 +169,7 @@ pub fn lasso<O: Operator + ?Sized>(
 #[derive(Debug, Default)]
 pub struct Solver {
     search: Search,
+    splitting: Splitting,
     /// y / ||y||
     unit: Vec<f64>,
     /// The start, over ||y||.
@@ -200,14 +205,29 @@ impl Solver {
             return Ok(problem.zero(Stop::ZeroIsFeasible, 0.0));
         }
         let sigma = sigma / problem.length;
-        let tolerance = (options.sigma_tolerance * sigma).max(options.bp_tolerance);
+        let tolerance = if sigma > 0.0 { options.sigma_tolerance * sigma } else { options.bp_tolerance };
+        let tolerance = tolerance.max(PRECISION);
         self.start.clear();
         self.start.extend(start.unwrap_or_default().iter().map(|v| v / problem.length));
         // A start that overflows in units of the data tells nothing about them.
         let start = (start.is_some() && max_abs(&self.start) < TAU_LIMIT)
             .then(|| (self.start.as_slice(), norm.primal(&self.start)));
-        let (search, groups) = (&mut self.search, norm.packing());
-        let outcome = pareto::bpdn(search, op, &self.unit, (sigma, tolerance), groups, options, start);
+        let groups = norm.packing();
+        let mut options = *options;
+        let mut first = None;
+        if options.gap_tolerance == f64::INFINITY && start.is_none() && Splitting::pays(op) {
+            let most = options.max_iterations;
+            first = self.splitting.bpdn(op, &self.unit, (sigma, tolerance), groups, most);
+        }
+        if let Some(found) = first.as_mut() {
+            options.max_iterations -= found.iterations;
+            if found.stop == Stop::Converged || options.max_iterations == 0 {
+                let found = first.expect("found");
+                return Ok(problem.finish(found, &self.splitting.best, tolerance));
+            }
+        }
+        let search = &mut self.search;
+        let outcome = pareto::bpdn(search, op, &self.unit, (sigma, tolerance), groups, &options, start);
         Ok(problem.finish(outcome, &self.search.best, tolerance))
     }
 
