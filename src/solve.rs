@@ -4,9 +4,9 @@
 //! basis pursuit denoise  min ||W s||_1  subject to  ||A s - y||_2 <= sigma,
 //! LASSO                  min ||A s - y||_2  subject to  ||W s||_1 <= tau.
 //!
-//! `spgl1` is what callers use; below it, `pareto` finds tau, `descent` solves for one tau, `ball` projects, `norm` says
-//! what is projected onto and `groups` how it is held, `working` keeps
-//! to the columns that matter where samples are few. Only linearity of A is assumed; orthonormal rows make it fast.
+//! `spgl1` is what callers use. Below it, `pareto` finds tau, `descent` solves for one tau, `ball` projects, `norm` says
+//! what is projected onto and `groups` how it is held, `working` keeps to the columns that matter where samples are few.
+//! They assume only that A is linear; where A A^T = 1 and no proof is asked for, `splitting` takes a shorter way.
 
 mod ball;
 pub mod debias;

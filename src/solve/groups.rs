@@ -302,16 +302,17 @@ impl Pass for ShrinkTowards<'_> {
     fn bundle(&mut self, size: usize, rows: Rows, groups: usize) {
         let factors =
             if self.theta > 0.0 { self.groups.factors(self.magnitudes, self.theta, groups) } else { [1.0; LANES] };
-        let (slope, length) = &mut self.sums;
+        // Values, not places: what may overlap is not vectorised.
+        let (mut slope, mut length) = (*self.sums.0, *self.sums.1);
         for i in 0..size {
-            let (t, s, c) = (lanes_mut(self.trial, rows.at(i)), lanes(self.s, rows.at(i)), lanes(self.c, rows.at(i)));
-            for k in 0..LANES {
-                t[k] *= factors[k];
-                let d = t[k] - s[k];
-                slope[k] += c[k] * d;
-                length[k] += d * d;
-            }
+            let (t, s, c) = (*lanes(self.trial, rows.at(i)), *lanes(self.s, rows.at(i)), *lanes(self.c, rows.at(i)));
+            let t = each_lane(|k| t[k] * factors[k]);
+            let d = each_lane(|k| t[k] - s[k]);
+            *lanes_mut(self.trial, rows.at(i)) = t;
+            slope = each_lane(|k| slope[k] + c[k] * d[k]);
+            length = each_lane(|k| length[k] + d[k] * d[k]);
         }
+        (*self.sums.0, *self.sums.1) = (slope, length);
     }
 }
 
@@ -327,11 +328,10 @@ impl Pass for DualAndSquare<'_> {
     #[inline(always)]
     fn bundle(&mut self, size: usize, rows: Rows, groups: usize) {
         let squares = squares(size, |i| *lanes(self.c, rows.at(i)));
-        let inverses = lanes(&self.groups.inverses, groups);
-        for k in 0..LANES {
-            self.dual[k] = larger(self.dual[k], squares[k] * (inverses[k] * inverses[k]));
-            self.square[k] += squares[k];
-        }
+        let inverses = *lanes(&self.groups.inverses, groups);
+        let (dual, square) = (*self.dual, *self.square);
+        *self.dual = each_lane(|k| larger(dual[k], squares[k] * (inverses[k] * inverses[k])));
+        *self.square = each_lane(|k| square[k] + squares[k]);
     }
 }
 
@@ -370,40 +370,47 @@ impl Pass for Relax<'_> {
     #[inline(always)]
     fn bundle(&mut self, size: usize, rows: Rows, groups: usize) {
         let Relaxation { share, gamma, rescale, over } = self.by;
-        let (weights, inverses) = (lanes(&self.groups.weights, groups), lanes(&self.groups.inverses, groups));
-        let (z, c) = (&*self.z, self.c);
-        let along = |i: usize, factor: f64| {
-            let (z, c) = (lanes(z, rows.at(i)), lanes(c, rows.at(i)));
-            let mut sum = [0.0; LANES];
-            for k in 0..LANES {
-                sum[k] = z[k] + factor * c[k];
-            }
-            sum
-        };
-        let of_u = magnitude(size, |i| along(i, share));
-        let reflected = magnitude(size, |i| along(i, 2.0 * share));
-        let squares = squares(size, |i| *lanes(c, rows.at(i)));
-        let mut factors = [0.0; LANES];
-        let [norm_u, norm_v, dual] = &mut *self.sums;
-        for k in 0..LANES {
-            let kept = reflected[k] - gamma * weights[k];
-            let kept = if kept > 0.0 { kept } else { 0.0 };
-            factors[k] = if kept > 0.0 { kept / reflected[k] } else { 0.0 };
-            norm_u[k] += weights[k] * of_u[k];
-            norm_v[k] += weights[k] * kept;
-            dual[k] = larger(dual[k], squares[k] * (inverses[k] * inverses[k]));
-        }
+        let (weights, inverses) = (*lanes(&self.groups.weights, groups), *lanes(&self.groups.inverses, groups));
+        let along = |z: [f64; LANES], c: [f64; LANES], factor: f64| each_lane(|k| z[k] + factor * c[k]);
+        let (mut of_u, mut reflected, mut of_c) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
         for i in 0..size {
-            let (z, c) = (lanes_mut(self.z, rows.at(i)), lanes(self.c, rows.at(i)));
-            let u = lanes_mut(self.u, rows.at(i));
-            for k in 0..LANES {
-                let part = share * c[k];
-                u[k] = z[k] + part;
-                let v = factors[k] * (u[k] + part);
-                z[k] = u[k] - rescale * part + over * (v - u[k]);
-            }
+            let (z, c) = (*lanes(self.z, rows.at(i)), *lanes(self.c, rows.at(i)));
+            let (u, w) = (along(z, c, share), along(z, c, 2.0 * share));
+            of_u = each_lane(|k| of_u[k] + u[k] * u[k]);
+            reflected = each_lane(|k| reflected[k] + w[k] * w[k]);
+            of_c = each_lane(|k| of_c[k] + c[k] * c[k]);
+        }
+        let of_u = each_lane(|k| of_u[k].sqrt());
+        let reflected = each_lane(|k| reflected[k].sqrt());
+        let kept = each_lane(|k| reflected[k] - gamma * weights[k]);
+        let kept = each_lane(|k| if kept[k] > 0.0 { kept[k] } else { 0.0 });
+        // A magnitude of 0 keeps 0: 0 / tiny.
+        let factors = each_lane(|k| kept[k] / larger(reflected[k], f64::MIN_POSITIVE));
+        let [norm_u, norm_v, dual] = *self.sums;
+        *self.sums = [
+            each_lane(|k| norm_u[k] + weights[k] * of_u[k]),
+            each_lane(|k| norm_v[k] + weights[k] * kept[k]),
+            each_lane(|k| larger(dual[k], of_c[k] * (inverses[k] * inverses[k]))),
+        ];
+        for i in 0..size {
+            let (z, c) = (*lanes(self.z, rows.at(i)), *lanes(self.c, rows.at(i)));
+            let u = along(z, c, share);
+            let w = along(z, c, 2.0 * share);
+            *lanes_mut(self.u, rows.at(i)) = u;
+            *lanes_mut(self.z, rows.at(i)) =
+                each_lane(|k| u[k] - rescale * (share * c[k]) + over * (factors[k] * w[k] - u[k]));
         }
     }
+}
+
+/// A register of what `value` gives for every lane.
+#[inline(always)]
+fn each_lane(mut value: impl FnMut(usize) -> f64) -> [f64; LANES] {
+    let mut all = [0.0; LANES];
+    for (k, v) in all.iter_mut().enumerate() {
+        *v = value(k);
+    }
+    all
 }
 
 /// A comparison, not f64::max: it compiles to one vector instruction.

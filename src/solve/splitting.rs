@@ -12,20 +12,21 @@
 
 use super::Operator;
 use super::groups::{Groups, Relaxation};
-use super::pareto::{self, Outcome, relative_gap};
+use super::pareto::{Outcome, relative_gap};
 use super::spgl1::Stop;
-use super::vector::{distance_squared, dot, subtract_from};
+use super::vector::{dot, subtract_from};
 
 /// First and last gamma, in units of the largest dual magnitude at s = 0 times columns over rows: about that of the
 /// largest coefficient of a solution.
 const FIRST: f64 = 0.2;
 const LAST: f64 = 3e-4;
-/// From step to step.
-const DECAY: f64 = 0.92;
+/// From step to step: slow while the support is found, down to `COARSE` in the same units, and fast then.
+const DECAY: [f64; 2] = [0.94, 0.9];
+const COARSE: f64 = 0.05;
 /// Of z to v.
 const OVER: f64 = 1.8;
 /// The search ends where ||W u||_1 and ||W v||_1 differ by less than this fraction ...
-const AGREED: f64 = 1.5e-3;
+const AGREED: f64 = 1e-3;
 /// ... and a gap of no more than this is proven: no accident far from the solution.
 const PLAUSIBLE: f64 = 0.5;
 /// Steps before it counts as failed. Most problems take 40 to 100.
@@ -80,7 +81,8 @@ impl Splitting {
             op.adjoint(&self.r, &mut self.unpacked);
             groups.pack(&self.unpacked, &mut self.c);
             let share = if length > sigma { 1.0 - sigma / length } else { 0.0 };
-            let next = last.max(DECAY * gamma);
+            let decay = DECAY[usize::from(gamma < COARSE * unit)];
+            let next = last.max(decay * gamma);
             let by = Relaxation { share, gamma, rescale: next / gamma, over: OVER };
             let found = groups.relax(&mut self.z, &self.c, &mut self.u, &by);
             gamma = next;
@@ -124,5 +126,119 @@ impl Splitting {
         groups.unpack(&self.z, &mut self.unpacked);
         op.forward(&self.unpacked, &mut self.r);
         subtract_from(y, &mut self.r);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::fourier::forward::Transform;
+    use crate::fourier::{Basis, partners};
+    use crate::solve::Operator;
+    use crate::solve::norm::Norm;
+    use crate::solve::sampled::SampledBasis;
+    use crate::solve::spgl1::{Options, Solver, bpdn};
+    use crate::solve::testing::{Dense, Lcg, length, residual};
+
+    const SHAPE: [usize; 4] = [1, 9, 9, 9];
+    const SIZE: usize = 729;
+
+    /// Positions, and samples of a smooth block with a little noise.
+    fn sampled(ratio: f64, seed: u64) -> (Vec<u32>, Vec<f64>) {
+        let mut rng = Lcg(seed);
+        let positions: Vec<u32> = (0..SIZE as u32).filter(|_| rng.uniform() < ratio).collect();
+        let value = |p: f64| (0.01 * p).sin() + (0.7 * (p % 9.0)).cos() + 0.3 * (p / 81.0).floor();
+        let y = positions.iter().map(|&p| value(f64::from(p)) + 0.01 * rng.uniform()).collect();
+        (positions, y)
+    }
+
+    fn quick(max_iterations: usize) -> Options {
+        Options { max_iterations, gap_tolerance: f64::INFINITY, ..Options::default() }
+    }
+
+    #[test]
+    fn norms_are_near_the_proven_optimum() {
+        let weights: Vec<f64> = (0..SIZE).map(|k| 1.0 + 0.1 * (k % 9).div_ceil(2) as f64).collect();
+        let mut solver = Solver::default();
+        for (basis, ratio) in [Basis::Dct, Basis::Dft].into_iter().flat_map(|b| [0.1, 0.3, 0.8].map(|r| (b, r))) {
+            let partner = (basis == Basis::Dft).then(|| partners(SHAPE));
+            for weights in [None, Some(weights.as_slice())] {
+                let norm = Norm::new(SIZE, weights, partner.as_deref()).unwrap();
+                let (positions, y) = sampled(ratio, 3);
+                let mut transform = Transform::new(basis, SHAPE);
+                let mut op = SampledBasis::new(&mut transform, vec![&positions]);
+                for sigma in [0.1 * length(&y), 3e-3 * length(&y)] {
+                    let proof = Options { max_iterations: 50_000, gap_tolerance: 1e-4, ..Options::default() };
+                    let proof = Options { sigma_tolerance: 1e-6, ..proof };
+                    let best = solver.bpdn(&mut op, &y, sigma, &norm, &proof, None).unwrap();
+                    let fast = solver.bpdn(&mut op, &y, sigma, &norm, &quick(1000), None).unwrap();
+                    let what = format!("{basis:?} {ratio} {} {}: {}", sigma, best.norm, fast.norm);
+                    assert!(fast.reached_sigma(sigma) && fast.residual_norm < sigma * (1.0 + 1e-9), "{what}");
+                    assert!(fast.iterations < 250, "{what}: {} steps", fast.iterations);
+                    assert!(fast.norm < 1.005 * best.norm && fast.norm > 0.9999 * best.norm, "{what}");
+                    assert!(fast.norm * (1.0 - fast.gap) < best.norm * (1.0 + 1e-9), "{what}: gap {}", fast.gap);
+                    let r = residual(&mut op, &y, &fast.coefficients);
+                    assert!((length(&r) - fast.residual_norm).abs() < 1e-12 * length(&y), "{what}");
+                    let again = bpdn(&mut op, &y, sigma, &norm, &quick(1000)).unwrap();
+                    assert_eq!(again.coefficients, fast.coefficients);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn more_steps_are_never_worse() {
+        let (positions, y) = sampled(0.2, 5);
+        let mut transform = Transform::new(Basis::Dct, SHAPE);
+        let mut op = SampledBasis::new(&mut transform, vec![&positions]);
+        // Little noise, and more than the data could be without: the second does not end by itself soon.
+        for sigma in [0.05, 0.0, 1e-9] {
+            let mut last = f64::INFINITY;
+            assert_eq!(bpdn(&mut op, &y, sigma, &Norm::l1(SIZE), &quick(0)).unwrap().coefficients, [0.0; SIZE]);
+            for steps in [1, 2, 5, 10, 20, 40, 80, 200, super::MOST, super::MOST + 1, 400] {
+                let solution = bpdn(&mut op, &y, sigma, &Norm::l1(SIZE), &quick(steps)).unwrap();
+                assert!(solution.reached_sigma(sigma) && solution.iterations <= steps, "{steps}: {:?}", solution.stop);
+                assert!(solution.norm <= last, "{steps}: {} {last}", solution.norm);
+                last = solution.norm;
+            }
+        }
+    }
+
+    /// Says of itself what is not true.
+    struct Liar(Dense);
+
+    impl Operator for Liar {
+        fn rows(&self) -> usize {
+            self.0.rows()
+        }
+
+        fn cols(&self) -> usize {
+            self.0.cols()
+        }
+
+        fn forward(&mut self, coefficients: &[f64], samples: &mut [f64]) {
+            self.0.forward(coefficients, samples);
+        }
+
+        fn adjoint(&mut self, samples: &[f64], coefficients: &mut [f64]) {
+            self.0.adjoint(samples, coefficients);
+        }
+
+        fn orthonormal_rows(&self) -> bool {
+            true
+        }
+    }
+
+    #[test]
+    fn rows_that_are_not_orthonormal_are_noticed() {
+        for factor in [0.3, 1.7, 1e9] {
+            let mut dense = Dense::dct(100).select(&(0..60).map(|i| i * 3 / 2).collect::<Vec<_>>());
+            dense.matrix.iter_mut().for_each(|a| *a *= factor);
+            let y: Vec<f64> = (0..60).map(|i| (f64::from(i) * 0.3).sin()).collect();
+            let norm = Norm::l1(100);
+            let expected = bpdn(&mut dense, &y, 0.1, &norm, &quick(1000)).unwrap();
+            let solution = bpdn(&mut Liar(dense), &y, 0.1, &norm, &quick(1000)).unwrap();
+            assert!(solution.reached_sigma(0.1));
+            assert!(solution.norm < 1.02 * expected.norm, "{factor}: {} {}", solution.norm, expected.norm);
+        }
     }
 }
