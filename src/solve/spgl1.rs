@@ -216,7 +216,7 @@ impl Solver {
         let groups = norm.packing();
         let mut options = *options;
         let mut first = None;
-        if options.gap_tolerance == f64::INFINITY && start.is_none() && Splitting::pays(op) {
+        if options.gap_tolerance == f64::INFINITY && start.is_none() && Splitting::pays(op, groups) {
             let most = options.max_iterations;
             first = self.splitting.bpdn(op, &self.unit, (sigma, tolerance), groups, most);
         }

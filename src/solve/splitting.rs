@@ -37,6 +37,8 @@ const MOST: usize = 160;
 const ROWS_SQUARED: usize = 4;
 /// Columns over rows down to which it is used: many samples make problems easy, and descent needs fewer steps.
 const THINNEST: usize = 3;
+/// Largest weight over smallest up to which it is used: one gamma does not suit coefficients weighted much apart.
+const WEIGHTS: f64 = 2.0;
 
 /// Buffers of the splitting.
 #[derive(Debug, Default)]
@@ -51,10 +53,11 @@ pub(super) struct Splitting {
 
 impl Splitting {
     /// Whether it can be used and is the faster way.
-    pub(super) fn pays<O: Operator + ?Sized>(op: &O) -> bool {
+    pub(super) fn pays<O: Operator + ?Sized>(op: &O, groups: &Groups) -> bool {
         let (rows, cols) = (op.rows(), op.cols());
         let fits = rows.saturating_mul(rows) > ROWS_SQUARED.saturating_mul(cols) && rows <= cols / THINNEST;
-        op.orthonormal_rows() && fits
+        let (least, most) = groups.weights().iter().fold((f64::INFINITY, 0.0f64), |(a, b), w| (a.min(*w), b.max(*w)));
+        op.orthonormal_rows() && fits && most <= WEIGHTS * least
     }
 
     /// The best point of up to `most` steps for ||y|| = 1 and 0 <= `sigma` < 1, in `best`. `None` if none was found
