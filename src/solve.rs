@@ -4,9 +4,9 @@
 //! basis pursuit denoise  min ||W s||_1  subject to  ||A s - y||_2 <= sigma,
 //! LASSO                  min ||A s - y||_2  subject to  ||W s||_1 <= tau.
 //!
-//! `spgl1` is what callers use; below it, `pareto` finds tau, `descent` solves for one tau, `ball` projects, `norm` says
-//! what is projected onto and `groups` how it is held, `working` keeps
-//! to the columns that matter where samples are few. Only linearity of A is assumed; orthonormal rows make it fast.
+//! `spgl1` is what callers use. Below it, `pareto` finds tau, `descent` solves for one tau, `ball` projects, `norm` says
+//! what is projected onto and `groups` how it is held, `working` keeps to the columns that matter where samples are few.
+//! They assume only that A is linear; where A A^T = 1 and no proof is asked for, `splitting` takes a shorter way.
 
 mod ball;
 pub mod debias;
@@ -16,6 +16,7 @@ pub mod norm;
 mod pareto;
 pub mod sampled;
 pub mod spgl1;
+mod splitting;
 mod vector;
 mod working;
 
@@ -42,6 +43,10 @@ pub trait Operator {
     /// the columns that matter. `false` (the default) leaves the samples alone.
     fn column(&mut self, index: usize, samples: &mut [f64]) -> bool {
         let _ = (index, samples);
+        false
+    }
+    /// Whether A A^T = 1 for certain: there is a faster way to a good point then. `false` is always right.
+    fn orthonormal_rows(&self) -> bool {
         false
     }
     /// Is shown every iterate of a BPDN solve, the start included. Nothing depends on it.

@@ -215,19 +215,18 @@ impl Groups {
         c: &[f64],
     ) -> (f64, f64) {
         let (mut slope, mut length) = ([0.0; LANES], [0.0; LANES]);
-        self.each(|size, rows, groups| {
-            let factors = if theta > 0.0 { self.factors(magnitudes, theta, groups) } else { [1.0; LANES] };
-            for i in 0..size {
-                let (t, s, c) = (lanes_mut(trial, rows.at(i)), lanes(s, rows.at(i)), lanes(c, rows.at(i)));
-                for k in 0..LANES {
-                    t[k] *= factors[k];
-                    let d = t[k] - s[k];
-                    slope[k] += c[k] * d;
-                    length[k] += d * d;
-                }
-            }
-        });
+        let sums = (&mut slope, &mut length);
+        self.run(ShrinkTowards { groups: self, trial, magnitudes, theta, s, c, sums });
         (slope.iter().sum(), length.iter().sum())
+    }
+
+    /// One step of Douglas-Rachford splitting over all groups: see [`Relaxed`].
+    pub(super) fn relax(&self, z: &mut [f64], c: &[f64], u: &mut [f64], by: &Relaxation) -> Relaxed {
+        let mut sums = [[0.0; LANES]; 3];
+        self.run(Relax { groups: self, z, c, u, by: *by, sums: &mut sums });
+        let [norm_u, norm_v, dual] = sums;
+        let dual = dual.into_iter().fold(0.0, larger).sqrt();
+        Relaxed { norm_u: norm_u.iter().sum(), norm_v: norm_v.iter().sum(), dual }
     }
 
     /// ||W s||_1
@@ -245,15 +244,7 @@ impl Groups {
     /// The dual norm of c, and ||c||^2. NaN entries are passed over by the first and seen in the second.
     pub(super) fn dual_and_square(&self, c: &[f64]) -> (f64, f64) {
         let (mut dual, mut square) = ([0.0; LANES], [0.0; LANES]);
-        // Comparisons, not f64::max: they compile to one vector instruction.
-        let larger = |a: f64, b: f64| if b > a { b } else { a };
-        self.each(|size, rows, groups| {
-            let (squares, inverses) = (squares(size, |i| *lanes(c, rows.at(i))), lanes(&self.inverses, groups));
-            for k in 0..LANES {
-                dual[k] = larger(dual[k], squares[k] * (inverses[k] * inverses[k]));
-                square[k] += squares[k];
-            }
-        });
+        self.run(DualAndSquare { groups: self, c, dual: &mut dual, square: &mut square });
         (dual.into_iter().fold(0.0, larger).sqrt(), square.iter().sum())
     }
 
@@ -273,17 +264,168 @@ impl Groups {
     /// `rows.at(0)` to `rows.at(size - 1)`. The sizes in common use are constants to the compiler.
     #[inline(always)]
     fn each(&self, pass: impl FnMut(usize, Rows, usize)) {
+        self.run(pass);
+    }
+
+    #[inline(always)]
+    fn run(&self, pass: impl Pass) {
         Level::detect().run(Each { spans: &self.spans, pass });
     }
 }
 
-/// A pass over all bundles, on the best instructions of the machine.
-struct Each<'a, F> {
-    spans: &'a [Span],
-    pass: F,
+/// What is done to every bundle. Long ones are types of their own: a closure may not be inlined, and is compiled for the
+/// baseline then.
+trait Pass {
+    fn bundle(&mut self, size: usize, rows: Rows, groups: usize);
 }
 
-impl<F: FnMut(usize, Rows, usize)> Task for Each<'_, F> {
+impl<F: FnMut(usize, Rows, usize)> Pass for F {
+    #[inline(always)]
+    fn bundle(&mut self, size: usize, rows: Rows, groups: usize) {
+        self(size, rows, groups);
+    }
+}
+
+/// See [`Groups::shrink_towards`].
+struct ShrinkTowards<'a> {
+    groups: &'a Groups,
+    trial: &'a mut [f64],
+    magnitudes: &'a [f64],
+    theta: f64,
+    s: &'a [f64],
+    c: &'a [f64],
+    sums: (&'a mut [f64; LANES], &'a mut [f64; LANES]),
+}
+
+impl Pass for ShrinkTowards<'_> {
+    #[inline(always)]
+    fn bundle(&mut self, size: usize, rows: Rows, groups: usize) {
+        let factors =
+            if self.theta > 0.0 { self.groups.factors(self.magnitudes, self.theta, groups) } else { [1.0; LANES] };
+        // Values, not places: what may overlap is not vectorised.
+        let (mut slope, mut length) = (*self.sums.0, *self.sums.1);
+        for i in 0..size {
+            let (t, s, c) = (*lanes(self.trial, rows.at(i)), *lanes(self.s, rows.at(i)), *lanes(self.c, rows.at(i)));
+            let t = each_lane(|k| t[k] * factors[k]);
+            let d = each_lane(|k| t[k] - s[k]);
+            *lanes_mut(self.trial, rows.at(i)) = t;
+            slope = each_lane(|k| slope[k] + c[k] * d[k]);
+            length = each_lane(|k| length[k] + d[k] * d[k]);
+        }
+        (*self.sums.0, *self.sums.1) = (slope, length);
+    }
+}
+
+/// See [`Groups::dual_and_square`].
+struct DualAndSquare<'a> {
+    groups: &'a Groups,
+    c: &'a [f64],
+    dual: &'a mut [f64; LANES],
+    square: &'a mut [f64; LANES],
+}
+
+impl Pass for DualAndSquare<'_> {
+    #[inline(always)]
+    fn bundle(&mut self, size: usize, rows: Rows, groups: usize) {
+        let squares = squares(size, |i| *lanes(self.c, rows.at(i)));
+        let inverses = *lanes(&self.groups.inverses, groups);
+        let (dual, square) = (*self.dual, *self.square);
+        *self.dual = each_lane(|k| larger(dual[k], squares[k] * (inverses[k] * inverses[k])));
+        *self.square = each_lane(|k| square[k] + squares[k]);
+    }
+}
+
+/// Numbers of a step of splitting.
+#[derive(Clone, Copy)]
+pub(super) struct Relaxation {
+    /// u = z + share c
+    pub(super) share: f64,
+    /// v: the soft threshold of 2 u - z at gamma times the weights.
+    pub(super) gamma: f64,
+    /// z becomes u + rescale (z - u) + over (v - u).
+    pub(super) rescale: f64,
+    pub(super) over: f64,
+}
+
+/// Norms at such a step.
+pub(super) struct Relaxed {
+    /// ||W u||_1 and ||W v||_1
+    pub(super) norm_u: f64,
+    pub(super) norm_v: f64,
+    /// The dual norm of c.
+    pub(super) dual: f64,
+}
+
+struct Relax<'a> {
+    groups: &'a Groups,
+    z: &'a mut [f64],
+    c: &'a [f64],
+    u: &'a mut [f64],
+    by: Relaxation,
+    /// Norm of u, of v, square of the dual norm.
+    sums: &'a mut [[f64; LANES]; 3],
+}
+
+impl Pass for Relax<'_> {
+    #[inline(always)]
+    fn bundle(&mut self, size: usize, rows: Rows, groups: usize) {
+        let Relaxation { share, gamma, rescale, over } = self.by;
+        let (weights, inverses) = (*lanes(&self.groups.weights, groups), *lanes(&self.groups.inverses, groups));
+        let along = |z: [f64; LANES], c: [f64; LANES], factor: f64| each_lane(|k| z[k] + factor * c[k]);
+        let (mut of_u, mut reflected, mut of_c) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+        for i in 0..size {
+            let (z, c) = (*lanes(self.z, rows.at(i)), *lanes(self.c, rows.at(i)));
+            let (u, w) = (along(z, c, share), along(z, c, 2.0 * share));
+            of_u = each_lane(|k| of_u[k] + u[k] * u[k]);
+            reflected = each_lane(|k| reflected[k] + w[k] * w[k]);
+            of_c = each_lane(|k| of_c[k] + c[k] * c[k]);
+        }
+        let of_u = each_lane(|k| of_u[k].sqrt());
+        let reflected = each_lane(|k| reflected[k].sqrt());
+        let kept = each_lane(|k| reflected[k] - gamma * weights[k]);
+        let kept = each_lane(|k| if kept[k] > 0.0 { kept[k] } else { 0.0 });
+        // A magnitude of 0 keeps 0: 0 / tiny.
+        let factors = each_lane(|k| kept[k] / larger(reflected[k], f64::MIN_POSITIVE));
+        let [norm_u, norm_v, dual] = *self.sums;
+        *self.sums = [
+            each_lane(|k| norm_u[k] + weights[k] * of_u[k]),
+            each_lane(|k| norm_v[k] + weights[k] * kept[k]),
+            each_lane(|k| larger(dual[k], of_c[k] * (inverses[k] * inverses[k]))),
+        ];
+        for i in 0..size {
+            let (z, c) = (*lanes(self.z, rows.at(i)), *lanes(self.c, rows.at(i)));
+            let u = along(z, c, share);
+            let w = along(z, c, 2.0 * share);
+            *lanes_mut(self.u, rows.at(i)) = u;
+            *lanes_mut(self.z, rows.at(i)) =
+                each_lane(|k| u[k] - rescale * (share * c[k]) + over * (factors[k] * w[k] - u[k]));
+        }
+    }
+}
+
+/// A register of what `value` gives for every lane.
+#[inline(always)]
+fn each_lane(mut value: impl FnMut(usize) -> f64) -> [f64; LANES] {
+    let mut all = [0.0; LANES];
+    for (k, v) in all.iter_mut().enumerate() {
+        *v = value(k);
+    }
+    all
+}
+
+/// A comparison, not f64::max: it compiles to one vector instruction.
+#[inline(always)]
+fn larger(a: f64, b: f64) -> f64 {
+    if b > a { b } else { a }
+}
+
+/// A pass over all bundles, on the best instructions of the machine.
+struct Each<'a, P> {
+    spans: &'a [Span],
+    pass: P,
+}
+
+impl<P: Pass> Task for Each<'_, P> {
     #[inline(always)]
     fn run<const FUSED: bool>(mut self) {
         for span in self.spans {
@@ -298,9 +440,9 @@ impl<F: FnMut(usize, Rows, usize)> Task for Each<'_, F> {
 
 impl Span {
     #[inline(always)]
-    fn each(&self, size: usize, pass: &mut impl FnMut(usize, Rows, usize)) {
+    fn each(&self, size: usize, pass: &mut impl Pass) {
         for bundle in 0..self.bundles {
-            pass(size, Rows { first: self.start + bundle * size * LANES }, self.group + bundle * LANES);
+            pass.bundle(size, Rows { first: self.start + bundle * size * LANES }, self.group + bundle * LANES);
         }
     }
 

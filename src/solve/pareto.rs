@@ -281,6 +281,6 @@ fn scale_to_sphere(yy: f64, yr: f64, rr: f64, sigma: f64) -> (f64, f64) {
 }
 
 /// How far `value` can be above its optimum, relative to `value`; at least 0.
-fn relative_gap(value: f64, lower: f64) -> f64 {
+pub(super) fn relative_gap(value: f64, lower: f64) -> f64 {
     if value > lower { (value - lower) / value } else { 0.0 }
 }

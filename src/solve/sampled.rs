@@ -134,6 +134,10 @@ impl Operator for SampledBasis<'_> {
         columns.values(index, positions, &mut samples[before..before + positions.len()]);
         true
     }
+
+    fn orthonormal_rows(&self) -> bool {
+        true
+    }
 }
 
 #[cfg(test)]
