@@ -5,14 +5,13 @@ use std::sync::OnceLock;
 use crate::block::{Block, Partition, positions};
 use crate::entropy::{self, Walk};
 use crate::error::{Error, Result};
-use crate::format::DOUBLINGS_DRAFT;
 use crate::format::directory::{self, Directory};
 use crate::format::header::{self, Coding};
 use crate::format::index::Index;
 #[cfg(feature = "metadata")]
 use crate::format::metadata::Metadata;
 use crate::format::record::{Record, ValidityClass};
-use crate::format::{Limits, MAX_BLOCK_VALUES};
+use crate::format::{Limits, MAX_BLOCK_VALUES, may_double};
 use crate::fourier::{Extents, Synthesis};
 use crate::grid::Grid;
 use crate::horizon::Horizon;
@@ -296,7 +295,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
     fn record(&self, block: usize) -> Result<Record<'_>> {
         let range = self.index.record(block);
         let offset = range.start as u64;
-        let doubles = self.version().2 >= DOUBLINGS_DRAFT && self.coding().sampling != Sampling::Every;
+        let doubles = may_double(self.version().2) && self.coding().sampling != Sampling::Every;
         Record::read(&self.data.as_ref()[range], block as u32, offset, if doubles { MAX_DOUBLINGS } else { 0 })
     }
 

@@ -271,6 +271,14 @@ impl Encoder {
         if self.target.is_some_and(|target| !(target.is_finite() && target > 0.0)) {
             return bad("the rms error to sample for must be finite and above 0".into());
         }
+        let quantiser = QUANTISER_RMS * self.step_as_written();
+        if let Some(target) = self.target.filter(|target| *target <= quantiser) {
+            return bad(format!(
+                "no sampling makes the rms error {target}, quantising alone makes about {quantiser:.2e}; \
+                 give a quality (quantiser step) below {:.2e}, better half of that",
+                target / QUANTISER_RMS
+            ));
+        }
         if !(0.0..=0.5).contains(&self.rounding) {
             return bad(format!("rounding is {}, must be within 0 to 0.5", self.rounding));
         }
@@ -320,7 +328,7 @@ impl Encoder {
         partition: &Partition,
         progress: &(dyn Fn(f64) + Sync),
     ) -> Option<Estimate> {
-        if !self.trend && self.target.is_none() {
+        if !self.whole_table() {
             return None;
         }
         let planes = estimate::log_planes(table, transform, self.eps);
@@ -340,6 +348,11 @@ impl Encoder {
         estimator.fit(Stiffness::HeldOut);
         progress(0.85);
         Some(estimator.finish(doublings, &|done| progress(0.85 + 0.15 * done)))
+    }
+
+    /// Whether trend and windows come before the blocks.
+    fn whole_table(&self) -> bool {
+        self.trend || self.target.is_some()
     }
 
     /// The sampling that the file states; blocks may double it.
@@ -408,7 +421,7 @@ impl Encoder {
             "rounding": self.rounding,
             "sigma": self.sigma_rms(),
             "weighting": self.weighting,
-            "trend": self.trend,
+            "trend": self.whole_table(),
             "valid": report.valid,
             "sampled": report.sampled,
             "log_rms": report.log_rms,
@@ -664,5 +677,29 @@ mod tests {
         });
         let rms = (sum / f64::from(count)).sqrt();
         assert!(rms < 0.05, "{rms}");
+    }
+
+    /// A block whose ratio is doubled up to every entry is as good as one of a file that samples every entry.
+    #[test]
+    fn blocks_doubled_to_every_entry_hold_what_was_measured() {
+        let merl = Grid::merl();
+        let axes: Vec<Axis> = merl.axes().iter().zip([6, 5, 7]).map(|(&axis, len)| Axis { len, ..axis }).collect();
+        let grid = Grid::new(axes, merl.channels().to_vec()).unwrap();
+        let mut random = crate::sample::SplitMix64(8);
+        let values: Vec<f64> = (0..grid.positions() * 3).map(|_| 1e3 * (random.next_u64() >> 54) as f64).collect();
+        let table = BrdfTable::from_values(grid, values).unwrap();
+        let encoder = Encoder::new().block_shape(&[6, 5, 7]).quality(0.01).iterations(1);
+        let all = encoder.encode(&table).unwrap().report;
+        let encoded = encoder.clone().sampling_for(0.01).encode(&table).unwrap();
+        assert_eq!(encoded.report.sampled, encoded.report.valid);
+        assert!(encoded.report.log_rms < 1.01 * all.log_rms, "{:?} {all:?}", encoded.report);
+        let settings = Reader::open(encoded.bytes).unwrap().metadata().unwrap().encoder.unwrap();
+        assert_eq!(settings["trend"], true);
+    }
+
+    #[test]
+    fn a_target_below_the_quantisers_error_is_refused() {
+        let error = Encoder::new().sampling_for(0.005).encode(&table()).unwrap_err().to_string();
+        assert!(error.contains("quality"), "{error}");
     }
 }

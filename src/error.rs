@@ -97,7 +97,10 @@ impl fmt::Display for Error {
                 }
                 let (m, n, d) = crate::format::VERSION;
                 let oldest = crate::format::OLDEST_DRAFT;
-                write!(f, " is not known to this build, which reads {m}.{n} drafts {oldest} to {d}")?;
+                write!(f, " is not known to this build, which reads {m}.{n}")?;
+                if d != 0 {
+                    write!(f, " drafts {oldest} to {d}")?;
+                }
                 write!(f, "; use the csbrdf release that wrote the file, or encode the table again")
             }
             Error::Truncated { section, expected, got } => {

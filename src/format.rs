@@ -20,7 +20,17 @@ pub const VERSION: (u16, u16, u16) = (1, 0, 2);
 /// Oldest draft that this build reads.
 pub const OLDEST_DRAFT: u16 = 1;
 /// First draft whose records may double the sampling ratio.
-pub(crate) const DOUBLINGS_DRAFT: u16 = 2;
+const DOUBLINGS_DRAFT: u16 = 2;
+
+/// Whether this build reads files of a draft; 0 is final, and after every draft.
+pub(crate) fn reads_draft(draft: u16) -> bool {
+    draft == VERSION.2 || (OLDEST_DRAFT..VERSION.2).contains(&draft)
+}
+
+/// Whether records of a draft may double the sampling ratio; those of final versions may.
+pub(crate) fn may_double(draft: u16) -> bool {
+    draft == 0 || draft >= DOUBLINGS_DRAFT
+}
 
 /// Most axes of a grid.
 pub const MAX_AXES: usize = 4;
@@ -84,4 +94,19 @@ pub(crate) fn check_block(shape: [usize; 4], channels: usize) -> Result<(), Stri
         return Err(format!("a block {shape:?} of {channels} channels takes more than {MAX_BLOCK_WORK} operations"));
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A final version comes after all drafts: what they brought stays.
+    #[test]
+    fn doublings_stay_when_the_version_is_final() {
+        assert_eq!([0, 1, 2, 3].map(may_double), [true, false, true, true]);
+        assert_eq!(
+            [OLDEST_DRAFT - 1, OLDEST_DRAFT, VERSION.2, VERSION.2 + 1].map(reads_draft),
+            [false, true, true, false]
+        );
+    }
 }

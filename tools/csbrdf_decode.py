@@ -302,7 +302,7 @@ class File:
         first_byte = c.get("B", "class of validity and doublings")
         validity_class, doublings = first_byte & 7, first_byte >> 3
         c.check(validity_class <= MASK_PER_CHANNEL, f"class of validity {validity_class} is reserved")
-        c.check(doublings == 0 or self.draft >= 2 and self.ratio > 0, f"{doublings} doublings of the sampling ratio")
+        c.check(doublings == 0 or self.draft != 1 and self.ratio > 0, f"{doublings} doublings of the sampling ratio")
         self.doublings[number] = doublings
         coded = c.bytes(length - 5)
         first, shape = self.blocks[number]
@@ -656,7 +656,7 @@ def main():
                 print_block(file, args.block)
             if args.samples:
                 print(name, [file.samples(number) for number in range(len(file.blocks))])
-            elif not single or args.check:
+            if args.check or not single and not args.samples:
                 found = sums(file)
                 same = not args.check or listed.get(name) == found
                 bad |= not same

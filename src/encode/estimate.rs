@@ -262,15 +262,26 @@ impl<'a> Estimator<'a> {
     /// The values everywhere from what was drawn, and the samples of each block.
     pub(super) fn finish(mut self, doublings: Vec<u8>, progress: &(dyn Fn(f64) + Sync)) -> Estimate {
         let mut planes = self.solve(progress);
-        if self.recovery.sampling == Sampling::Every {
+        let (grid, n) = (self.partition.grid(), self.windows.positions());
+        for (number, &doublings) in doublings.iter().enumerate() {
+            if self.recovery.sampling.doubled(doublings) != Sampling::Every {
+                continue;
+            }
             // Every valid value is known better than the recovery has it.
-            for ((value, known), _) in
-                planes.iter_mut().zip(self.planes).zip(self.flags.iter().flatten()).filter(|(_, flag)| **flag)
-            {
-                *value = *known;
+            let block = self.partition.block(number).expect("one count of doublings a block");
+            let (mut values, mut known) = (vec![0.0; block.positions()], vec![0.0; block.positions()]);
+            let mut mask = vec![false; block.positions()];
+            for (c, flags) in self.flags.iter().enumerate() {
+                let plane = &mut planes[c * n..(c + 1) * n];
+                block.gather(grid, plane, &mut values);
+                block.gather(grid, &self.planes[c * n..(c + 1) * n], &mut known);
+                block.gather(grid, flags, &mut mask);
+                for ((value, known), _) in values.iter_mut().zip(&known).zip(&mask).filter(|(_, taken)| **taken) {
+                    *value = *known;
+                }
+                block.scatter(grid, &values, plane);
             }
         }
-        let grid = self.partition.grid();
         let count = |number: usize| {
             let block = self.partition.block(number).expect("number is below the count");
             let mut mask = vec![false; block.positions()];
@@ -336,8 +347,10 @@ fn choose_trend(model: &Model, samples: &Samples, windows: &Windows, recovery: R
             (best, least) = (Some(stiffness), error);
         }
     }
-    let design = model.design(&samples.positions);
-    best.map(|stiffness| model.fit(&design, &samples.values, stiffness))
+    let stiffness = best?;
+    // One design at a time: they are the largest that an encode holds.
+    drop((design, held_out_design));
+    Some(model.fit(&model.design(&samples.positions), &samples.values, stiffness))
 }
 
 fn pick<T: Copy>(from: &[T], held_out: bool) -> Vec<T> {

@@ -120,7 +120,9 @@ pub(super) fn pack(table: &BrdfTable, coding: Coding, partition: Partition, bloc
                 let mut coder = Encoder::new(&header.probabilities);
                 code_record(&mut coder, &header, &block, &mut masks, class, &blocks[number].coefficients, walk);
                 let coded = coder.finish();
-                let record = Record { class, doublings: blocks[number].doublings, coded: &coded };
+                // Nothing to sample, nothing to double.
+                let doublings = if class == ValidityClass::None { 0 } else { blocks[number].doublings };
+                let record = Record { class, doublings, coded: &coded };
                 header
                     .rebuild(&block, &record, &means[number * components..(number + 1) * components], scratch)
                     .map_err(|what| Error::InvalidArgument(format!("block {number} does not decode: {what}")))?;

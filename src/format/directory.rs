@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use crate::bits::ByteReader;
 use crate::error::{Error, Result};
-use crate::format::{END_MARKER, MAGIC, MAX_SECTIONS, OLDEST_DRAFT, VERSION};
+use crate::format::{END_MARKER, MAGIC, MAX_SECTIONS, VERSION, reads_draft};
 
 /// Bytes before the section table.
 pub(crate) const PREAMBLE: usize = 32;
@@ -64,7 +64,7 @@ impl Directory {
         preamble.bytes(MAGIC.len())?;
         // Version: major, minor, draft number (0 in final versions).
         let found = (preamble.u16()?, preamble.u16()?, preamble.u16()?);
-        if found.0 != VERSION.0 || !(OLDEST_DRAFT..=VERSION.2).contains(&found.2) {
+        if found.0 != VERSION.0 || !reads_draft(found.2) {
             return Err(Error::UnsupportedVersion { found });
         }
         // Number of sections.
@@ -258,7 +258,7 @@ mod tests {
     #[test]
     fn bytes_are_those_of_the_specification() {
         let hex: String = write_file(&[(GRID, false, vec![1, 2, 3])]).iter().map(|b| format!("{b:02x}")).collect();
-        let preamble = "8b4353420d0a1a0a01000000010001003f000000000000000000000054dcddc7";
+        let preamble = "8b4353420d0a1a0a01000000020001003f0000000000000000000000aaa73da3";
         let table = "475249440000000003000000000000001d80bc55";
         assert_eq!(hex, [preamble, table, "010203", "4353425244462e0a"].concat());
     }

@@ -54,6 +54,10 @@ impl Windows {
         block.gather(self.grid, plane, &mut values);
         let (positions, samples): (Vec<u32>, Vec<f64>) =
             (0u32..).zip(values).filter(|(_, value)| !value.is_nan()).unzip();
+        if samples.len() == block.positions() {
+            // Nothing to recover.
+            return (samples, cost);
+        }
         (recoverer.fill(self.shape, &positions, &samples, &mut cost), cost)
     }
 
