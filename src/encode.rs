@@ -192,7 +192,7 @@ impl Encoder {
     }
 
     /// Samples each block until the recovery tells samples that it has not seen with an rms error of at most this, log
-    /// domain; the ratio starts at 1/128 and is doubled as often as needed. Includes [`Encoder::trend`].
+    /// domain; the ratio starts at 1/128 and is doubled as often as needed, at least once: what was held out counts. Includes [`Encoder::trend`].
     pub fn sampling_for(self, rms: f64) -> Encoder {
         Encoder { target: Some(rms), ..self }
     }

@@ -10,7 +10,7 @@ mod windows;
 use rayon::prelude::*;
 
 use super::recover::{Recoverer, Recovery, Solves};
-use super::trend::{Model, Trend};
+use super::trend::{Model, Trend, one_of};
 use crate::block::{Block, Partition};
 use crate::channel::ChannelTransform;
 use crate::sample::{Sampling, block_seed, sample_positions};
@@ -354,6 +354,6 @@ fn choose_trend(model: &Model, samples: &Samples, windows: &Windows, recovery: R
 }
 
 fn pick<T: Copy>(from: &[T], held_out: bool) -> Vec<T> {
-    let chosen = |i: usize| (i % HELD_OUT == HELD_OUT - 1) == held_out;
+    let chosen = |i: usize| one_of(i, HELD_OUT) == held_out;
     from.iter().enumerate().filter(|(i, _)| chosen(*i)).map(|(_, v)| *v).collect()
 }

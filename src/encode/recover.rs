@@ -151,8 +151,8 @@ impl Recoverer {
         let centred: Vec<f64> = samples.iter().map(|sample| sample - mean).collect();
         let Recovery { iterations, sigma_rms, .. } = self.recovery;
         let sigma = sigma_rms * (samples.len() as f64).sqrt();
-        // The first point that reaches sigma will do: proving its norm minimal takes up to twice the steps and
-        // changes sizes and errors by less than 0.3 %.
+        // A point that reaches sigma with a norm near the least will do: proving its norm minimal takes up to twice the
+        // steps and changes sizes and errors by less than 0.5 %.
         let gap_tolerance = f64::INFINITY;
         let options = Options { max_iterations: iterations, gap_tolerance, ..Options::default() };
         let (mut solver, mut tracer) = (std::mem::take(&mut self.solver), self.tracer.take());

@@ -14,6 +14,7 @@
 use rayon::prelude::*;
 
 use crate::grid::{AxisName, Grid};
+use crate::sample::SplitMix64;
 
 /// Knots of the tables along an elevation.
 const ELEVATION_KNOTS: usize = 48;
@@ -57,7 +58,7 @@ pub(super) struct Model {
 /// Entries and weights that positions are interpolated from, [`TAPS`] each.
 pub(super) struct Design {
     taps: Vec<(u32, f32)>,
-    /// For each sample given, in steps, the ones that are used.
+    /// One of so many samples is used.
     stride: usize,
     positions: usize,
 }
@@ -126,14 +127,20 @@ impl Model {
     /// The samples at `positions`, or evenly spread ones of many.
     pub(super) fn design(&self, positions: &[u32]) -> Design {
         let stride = positions.len().div_ceil(SAMPLES).max(1);
-        let taps = positions.iter().step_by(stride).flat_map(|&p| self.taps(p as usize)).collect();
+        let taps = positions
+            .iter()
+            .enumerate()
+            .filter(|(i, _)| one_of(*i, stride))
+            .flat_map(|(_, &p)| self.taps(p as usize))
+            .collect();
         Design { taps, stride, positions: self.shape.iter().product() }
     }
 
     /// The model nearest to samples, `values` in the order of the design's positions. `stiffness` weighs smoothness: 1 suits
     /// most tables.
     pub(super) fn fit(&self, design: &Design, values: &[f64], stiffness: f64) -> Trend {
-        let values: Vec<f64> = values.iter().step_by(design.stride).copied().collect();
+        let used = values.iter().enumerate().filter(|(i, _)| one_of(*i, design.stride));
+        let values: Vec<f64> = used.map(|(_, v)| *v).collect();
         let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
         // The weight of smoothness grows with the number of samples: best found at 1 % about 1, at 5 % about 5.
         let smooth = stiffness * 100.0 * values.len() as f64 / design.positions as f64;
@@ -223,6 +230,11 @@ impl Trend {
     fn value(&self, taps: &[(u32, f32)]) -> f64 {
         self.mean + taps.iter().map(|&(entry, weight)| f64::from(weight) * self.entries[entry as usize]).sum::<f64>()
     }
+}
+
+/// Whether sample `i` is among one of `count`: scattered, since a stride would keep to a few bins of phi_d in a full table.
+pub(super) fn one_of(i: usize, count: usize) -> bool {
+    count == 1 || SplitMix64(i as u64).next_u64() % count as u64 == 0
 }
 
 /// Cosines of the angles between the normal and the two directions.
