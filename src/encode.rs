@@ -442,7 +442,9 @@ impl Encoder {
     }
 
     fn sigma_rms(&self) -> f64 {
-        self.sigma.unwrap_or(self.step_as_written() / 10.0)
+        // Samples told no better than the target would not let the rest be told so.
+        let most = self.target.map_or(f64::INFINITY, |target| target / 3.0);
+        self.sigma.unwrap_or((self.step_as_written() / 10.0).min(most))
     }
 
     /// The opponent transform needs three channels that are measured at the same places.

@@ -7,6 +7,7 @@
 use crate::block::{Partition, unravel};
 use crate::coords::{HalfDiff, directions};
 use crate::error::{Error, Result};
+use crate::format::check_block;
 use crate::grid::{AxisName, Grid};
 use crate::horizon::Horizon;
 use crate::sample::{Sampling, block_seed, sample_positions};
@@ -142,6 +143,9 @@ impl Plan {
     ) -> Result<Plan> {
         let [h, d, p] = block_shape;
         let partition = Partition::uniform(grid.shape(), [1, h, d, p])?;
+        for &shape in partition.shapes() {
+            check_block(shape, grid.channels().len()).map_err(Error::InvalidArgument)?;
+        }
         if sampling == (Sampling::Bernoulli { threshold: 0 }) {
             return Err(Error::InvalidArgument("a sampling ratio of zero leaves nothing to measure".into()));
         }
@@ -298,6 +302,7 @@ mod tests {
         let ratio = Sampling::from_ratio(0.5).unwrap();
         let none = vec![false; grid.positions()];
         let draw = |grid: &Grid, sampling, shape, valid| Plan::draw(grid, sampling, 0, shape, valid);
+        assert!(draw(&Grid::merl(), Sampling::Every, [90, 90, 180], None).is_err(), "more than encode takes");
         assert!(draw(&grid, ratio, [0, 1, 1], None).is_err());
         assert!(draw(&grid, Sampling::Bernoulli { threshold: 0 }, [5, 5, 5], None).is_err());
         assert!(draw(&grid, ratio, [5, 5, 5], Some(&[true])).is_err());

@@ -234,7 +234,7 @@ impl Trend {
 
 /// Whether sample `i` is among one of `count`: scattered, since a stride would keep to a few bins of phi_d in a full table.
 pub(super) fn one_of(i: usize, count: usize) -> bool {
-    count == 1 || SplitMix64(i as u64).next_u64() % count as u64 == 0
+    SplitMix64(i as u64).next_u64().is_multiple_of(count as u64)
 }
 
 /// Cosines of the angles between the normal and the two directions.

@@ -118,7 +118,15 @@ pub struct Samples {
 pub fn read_samples(data: &[u8], grid: Option<Grid>) -> Result<Samples> {
     // The mark that some spreadsheets put in front of UTF-8.
     let data = data.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(data);
-    let grid = grid.unwrap_or_else(|| if commented_grid(data) == Some(360) { Grid::merl_360() } else { Grid::merl() });
+    let grid = match (grid, commented_grid(data)) {
+        (Some(grid), _) => grid,
+        (None, None | Some(180)) => Grid::merl(),
+        (None, Some(360)) => Grid::merl_360(),
+        (None, Some(other)) => {
+            let what = format!("its comment says grid={other}; known are grid=180 and grid=360, the bins of phi_d");
+            return Err(Error::corrupt(NAME, 0, what));
+        }
+    };
     if [Grid::merl(), Grid::merl_360()].iter().all(|merl| *merl != grid) {
         return Err(Error::InvalidArgument("measurements are read onto MERL's grids only".into()));
     }
@@ -518,6 +526,8 @@ mod tests {
         let text = "# csbrdf plan grid=360 seed=1,,,\ntheta_h_bin,theta_d_bin,phi_d_bin,r,g,b\n0,0,200,1,1,1\n";
         assert_eq!(table(text).table.grid(), &Grid::merl_360());
         assert!(read_samples(text.as_bytes(), Some(Grid::merl())).is_err());
+        let other = text.replace("grid=360", "grid=720");
+        assert!(read_samples(other.as_bytes(), None).err().unwrap().to_string().contains("grid=720"));
         let flat = Grid::new(Grid::merl().axes()[..2].to_vec(), Grid::rgb_channels([1.0; 3])).unwrap();
         assert!(matches!(read_samples(text.as_bytes(), Some(flat)), Err(Error::InvalidArgument(_))));
     }

@@ -61,6 +61,9 @@ pub fn run(args: &EncodeArgs, quiet: bool) -> Outcome {
                 done.seconds
             ));
         }
+        if done.sampled[0] == 0 {
+            note(&format!("{target}: nothing was sampled, all values are guesses; raise --sampling"));
+        }
         return Ok(());
     }
     let mut results = Vec::new();
