@@ -49,15 +49,17 @@ pub fn run(args: &EncodeArgs, quiet: bool) -> Outcome {
     }
     if let ([input], [target]) = (inputs, &targets[..]) {
         let done = encode(input, target, &encoder, &metadata, args, quiet)?;
+        let [samples, valid] = done.sampled;
+        let sampled = if samples < valid { format!("{} sampled, ", percent(samples, valid)) } else { String::new() };
         if !quiet {
             note(&format!(
-                "{} -> {target}: {} bytes, {:.1}:1, {} sampled, log rms {}, max {}, {:.2} s",
+                "{} -> {target}: {} bytes, {:.1}:1, log rms {}, max {}, {}{:.2} s",
                 label(input),
                 grouped(done.bytes),
                 done.ratio,
-                percent(done.sampled[0], done.sampled[1]),
                 error_figure(done.log_rms),
                 error_figure(done.log_max),
+                sampled,
                 done.seconds
             ));
         }

@@ -155,7 +155,7 @@ mod tests {
         let invocation = Invocation::new(path, settings, "t.csbrdf", Some(2)).unwrap();
         assert_eq!(invocation.command, format!("csbrdf encode 'my table.binary' {settings} --threads 2 -o t.csbrdf"));
         let args = &invocation.args;
-        assert_eq!((args.preset, args.basis, args.sigma), (PresetArg::Paper, Some(BasisArg::Dct), Some(0.01)));
+        assert_eq!((args.preset(), args.basis, args.sigma), (PresetArg::Paper, Some(BasisArg::Dct), Some(0.01)));
         assert_eq!((args.iterations, args.block.as_ref().unwrap().0.as_slice()), (Some(7), &[5, 5, 5][..]));
         assert!(Invocation::new(Path::new("-x"), "", "o", None).unwrap().command.contains(" ./-x "));
         for wrong in ["--sigma x", "--sigma 1 --sigma 2", "--nonsense", "--help"] {
