@@ -699,6 +699,19 @@ mod tests {
         assert_eq!(settings["trend"], true);
     }
 
+    /// Few samples where a table is smooth, more where it is not, and in the end the error that was asked for.
+    #[test]
+    fn samples_go_where_they_are_needed() {
+        let table = table();
+        let encoder = Encoder::new().preset(Preset::Sparse).block_shape(&[5, 5, 9]);
+        let encoded = encoder.sampling_for(0.03).encode(&table).unwrap();
+        assert!(encoded.report.log_rms <= 0.03, "{:?}", encoded.report);
+        let reader = Reader::open(encoded.bytes).unwrap();
+        let infos: Vec<_> = (0..reader.block_count()).map(|b| reader.block_info(b).unwrap()).collect();
+        let with = |small: bool| infos.iter().filter(|i| i.valid[0] > 0 && (i.ratio < 0.1) == small).count();
+        assert!(with(true) > 0 && with(false) > 0, "{} {}", with(true), with(false));
+    }
+
     #[test]
     fn a_target_below_the_quantisers_error_is_refused() {
         let error = Encoder::new().sampling_for(0.005).encode(&table()).unwrap_err().to_string();

@@ -2,9 +2,9 @@
 //! or the folder named by `CSBRDF_DATA`. Says so and passes where it is not.
 #![cfg(feature = "encode")]
 
-use csbrdf::encode::Encoder;
+use csbrdf::encode::{Encoder, Preset};
 use csbrdf::grid::Grid;
-use csbrdf::sample::SplitMix64;
+use csbrdf::sample::{Sampling, SplitMix64};
 use csbrdf::table::BrdfTable;
 use std::path::{Path, PathBuf};
 
@@ -72,4 +72,24 @@ fn archive_keeps_measured_materials_small_and_close() {
         eprintln!("{material}: {got:.0}:1, log rms {:.5}", encoded.report.log_rms);
         assert!(encoded.report.log_rms <= rms && got >= ratio, "{material}: {got} {}", encoded.report.log_rms);
     }
+}
+
+/// From the same samples a quarter of the error of the source paper's setting at most, and as many samples as asked for.
+#[test]
+fn sparse_recovers_measured_materials_from_few_samples() {
+    let Some(folder) = data() else { return };
+    for (material, noise, ratio) in [("chrome-steel", 0.003, 0.01), ("green-fabric", 0.02, 0.05)] {
+        let table = fitted(&folder, material, noise);
+        let encode = |preset| {
+            let encoder = Encoder::new().preset(preset).sampling(Sampling::from_ratio(ratio).unwrap());
+            encoder.encode(&table).unwrap().report
+        };
+        let (paper, sparse) = (encode(Preset::Paper), encode(Preset::Sparse));
+        eprintln!("{material}: paper {:.4}, sparse {:.4}", paper.log_rms, sparse.log_rms);
+        assert!(sparse.log_rms <= 0.25 * paper.log_rms, "{material}: {} {}", sparse.log_rms, paper.log_rms);
+        assert_eq!(sparse.sampled, paper.sampled);
+    }
+    let table = fitted(&folder, "alum-bronze", 0.003);
+    let auto = Encoder::new().preset(Preset::Sparse).sampling_for(0.05).encode(&table).unwrap().report;
+    assert!(auto.log_rms <= 0.05 && 10 * auto.sampled < auto.valid, "{auto:?}");
 }
