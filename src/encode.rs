@@ -2,33 +2,33 @@
 
 mod adapt;
 mod blocks;
+mod choose;
 mod estimate;
 mod pack;
 mod recover;
 mod shape;
+mod stages;
 pub mod trace;
 mod trend;
 
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use rayon::prelude::*;
 use serde_json::json;
 
-use crate::block::{Block, Partition};
+use crate::block::Partition;
 use crate::channel::ChannelTransform;
 use crate::error::{Error, Result};
 use crate::format::header::Coding;
 use crate::format::metadata::Metadata;
-use crate::format::{EPS_RANGE, STEP_RANGE, check_block};
+use crate::format::{EPS_RANGE, STEP_RANGE};
 use crate::fourier::Basis;
-use crate::horizon::{Horizon, fit_threshold, lowest_elevation};
-use crate::quantize::{Quantizer, quantize_mean};
-use crate::sample::{Sampling, block_seed};
+use crate::sample::Sampling;
 use crate::table::BrdfTable;
-use blocks::{Quantized, fill_empty_means, gather_log, shrink};
+use blocks::{Quantized, fill_empty_means, shrink};
+use choose::fit_horizon;
 use estimate::{Estimate, Estimator, Stiffness};
-use recover::{Recoverer, Recovery, Solves};
+use recover::Solves;
 
 /// Rms error of the quantiser in steps, about: most coefficients are zero and lose what they are.
 const QUANTISER_RMS: f64 = 0.07;
@@ -430,12 +430,6 @@ impl Encoder {
         Ok(Metadata { tool: Some(tool.into()), encoder: Some(encoder), ..self.metadata.clone() })
     }
 
-    fn too_fine(&self) -> Error {
-        let largest = crate::entropy::MAX_MAGNITUDE;
-        let step = self.step;
-        Error::InvalidArgument(format!("quality {step} is too fine: a coefficient is beyond {largest} steps; raise it"))
-    }
-
     /// The step as the caller wrote it, not as the nearest double of a single.
     fn step_as_written(&self) -> f64 {
         self.step.to_string().parse().unwrap_or(self.step.into())
@@ -446,275 +440,7 @@ impl Encoder {
         let most = self.target.map_or(f64::INFINITY, |target| target / 3.0);
         self.sigma.unwrap_or((self.step_as_written() / 10.0).min(most))
     }
-
-    /// The opponent transform needs three channels that are measured at the same places.
-    fn choose_transform(&self, table: &BrdfTable) -> ChannelTransform {
-        let common_mask = || (1..3).all(|c| table.valid_plane(c) == table.valid_plane(0));
-        match self.channels {
-            Channels::Opponent if table.grid().channels().len() == 3 && common_mask() => ChannelTransform::opponent(),
-            _ => ChannelTransform::None,
-        }
-    }
-
-    /// The partition to use, and the share of the work that went into its choice.
-    fn choose_partition(
-        &self,
-        table: &BrdfTable,
-        transform: &ChannelTransform,
-        progress: &(dyn Fn(f64) + Sync),
-    ) -> Result<(Partition, f64)> {
-        let grid = table.grid().shape();
-        let channels = table.grid().channels().len();
-        let fits = |partition: &Partition| partition.shapes().iter().try_for_each(|&s| check_block(s, channels));
-        let checked = |partition: Partition| match fits(&partition) {
-            Ok(()) => Ok((partition, 0.0)),
-            Err(what) => Err(Error::InvalidArgument(what)),
-        };
-        match &self.blocks {
-            Blocks::Cheapest => {}
-            Blocks::Shape(shape) => return checked(uniform(grid, shape)?),
-            Blocks::Partition(partition) if partition.grid() == grid => return checked(partition.clone()),
-            Blocks::Partition(partition) => {
-                let other = partition.grid();
-                return Err(Error::InvalidArgument(format!(
-                    "a partition of the grid {other:?}, the table has {grid:?}"
-                )));
-            }
-        }
-        const TRIALS: f64 = 0.5;
-        let candidates = shape::candidates(table.grid().axes().len());
-        let mut partitions = candidates.iter().map(|s| uniform(grid, s)).collect::<Result<Vec<_>>>()?;
-        partitions.retain(|partition| fits(partition).is_ok());
-        if partitions.is_empty() {
-            return Err(Error::InvalidArgument(format!(
-                "with {channels} channels no usual block shape is within the format's limits; give a smaller one"
-            )));
-        }
-        let mut best = 0;
-        let mut least = f64::INFINITY;
-        for (i, partition) in partitions.iter().enumerate() {
-            let share = |done| progress(TRIALS * (i as f64 + done) / partitions.len() as f64);
-            let iterations = shape::ITERATIONS.min(self.iterations);
-            let blocks = self.quantize_blocks(table, transform, partition, None, iterations, &share);
-            let cost = shape::trial(partition, blocks, f64::from(self.step))?;
-            if cost < least {
-                (best, least) = (i, cost);
-            }
-        }
-        Ok((partitions.into_iter().nth(best).expect("one of them"), TRIALS))
-    }
-
-    fn recovery(&self, iterations: usize) -> Recovery {
-        let (basis, sampling, weighting) = (self.basis, self.base_sampling(), self.weighting);
-        Recovery { basis, sampling, sigma_rms: self.sigma_rms(), iterations, weighting }
-    }
-
-    /// Stages one to five of all blocks, in parallel, in order.
-    fn quantize_blocks<'a>(
-        &'a self,
-        table: &'a BrdfTable,
-        transform: &'a ChannelTransform,
-        partition: &'a Partition,
-        estimate: Option<&'a Estimate>,
-        iterations: usize,
-        progress: &'a (dyn Fn(f64) + Sync),
-    ) -> impl IndexedParallelIterator<Item = Result<Quantized>> + 'a {
-        let recovery = self.recovery(iterations);
-        let done = AtomicUsize::new(0);
-        let count = partition.block_count();
-        (0..count).into_par_iter().map_init(
-            move || Recoverer::new(recovery),
-            move |recoverer, number| {
-                let block = partition.block(number).expect("number is below the count");
-                let quantized = self.quantize_block(table, transform, estimate, recoverer, number, &block);
-                progress((done.fetch_add(1, Ordering::Relaxed) + 1) as f64 / count as f64);
-                quantized.ok_or_else(|| self.too_fine())
-            },
-        )
-    }
-
-    /// Stages one to five of a block: tone map, channel transform, sampling, recovery, quantiser.
-    /// `None` if the step is too small for the format.
-    fn quantize_block(
-        &self,
-        table: &BrdfTable,
-        transform: &ChannelTransform,
-        estimate: Option<&Estimate>,
-        recoverer: &mut Recoverer,
-        number: usize,
-        block: &Block,
-    ) -> Option<Quantized> {
-        let n = block.positions();
-        let channels = table.grid().channels().len();
-        let (mut log, valid) = gather_log(table, block, self.eps);
-        match estimate {
-            Some(estimate) => estimate.gather(block, &mut log),
-            None => transform.forward(&mut log, channels),
-        }
-        let seed = block_seed(self.seed, number as u32);
-        let mut coefficients = vec![0; channels * n];
-        let mut means = vec![None; channels];
-        let mut shortfall = [(0.0, 0); 2];
-        let mut squared_error = 0.0;
-        let mut sampled = estimate.map_or(0, |estimate| estimate.sampled[number]);
-        let doublings = estimate.map_or(0, |estimate| estimate.doublings[number]);
-        let mut cost = Solves::default();
-        for c in 0..channels {
-            let values = &mut log[c * n..(c + 1) * n];
-            let valid = &valid[c * n..(c + 1) * n];
-            let known = match estimate {
-                Some(_) if valid.contains(&true) => {
-                    recoverer.analyze(block.shape, values);
-                    true
-                }
-                Some(_) => {
-                    values.fill(0.0);
-                    false
-                }
-                None => {
-                    let samples = recoverer.recover(block.shape, seed, values, valid, &mut cost);
-                    sampled += samples;
-                    samples > 0
-                }
-            };
-            means[c] = if known { Some(quantize_mean(self.step, values[0])?) } else { None };
-            for (q, &value) in coefficients[c * n..(c + 1) * n].iter_mut().zip(values.iter()).skip(1) {
-                *q = Quantizer::quantize(self.step, self.rounding, value)?;
-                squared_error += (value - f64::from(*q) * f64::from(self.step)).powi(2);
-                if *q != 0 {
-                    let sum = &mut shortfall[usize::from(q.unsigned_abs() > 1)];
-                    sum.0 += f64::from(q.unsigned_abs()) - value.abs() / f64::from(self.step);
-                    sum.1 += 1;
-                }
-            }
-        }
-        Some(Quantized { shape: block.shape, coefficients, means, shortfall, squared_error, sampled, doublings, cost })
-    }
-}
-
-/// Blocks of one shape, padded in front with ones and clipped to the grid.
-fn uniform(grid: [usize; 4], shape: &[usize]) -> Result<Partition> {
-    if shape.is_empty() || shape.len() > 4 {
-        return Err(Error::InvalidArgument(format!("a block shape has 1 to 4 lengths, not {}", shape.len())));
-    }
-    let mut padded = [1; 4];
-    padded[4 - shape.len()..].copy_from_slice(shape);
-    Partition::uniform(grid, padded)
-}
-
-/// Elevation of the table's horizon, if the grid has one and predicting from it is better than not.
-fn fit_horizon(table: &BrdfTable) -> Option<f64> {
-    let horizon = Horizon::new(table.grid())?;
-    let n = table.grid().positions();
-    let any: Vec<bool> = (0..n).map(|i| (0..table.grid().channels().len()).any(|c| table.valid_plane(c)[i])).collect();
-    let invalid = any.iter().filter(|v| !**v).count();
-    let (threshold, wrong) = fit_threshold(&horizon, table.grid().shape(), &any);
-    if 2 * wrong > any.len() - invalid {
-        return lowest_elevation(&horizon, table.grid().shape(), &any).filter(|threshold| threshold.abs() <= 1.0);
-    }
-    // Rounding can put an elevation just above 1.
-    (wrong < invalid && threshold.abs() <= 1.0).then_some(threshold)
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::decode::Reader;
-    use crate::grid::{Axis, Grid};
-    use crate::table::synth::Recipe;
-
-    fn table() -> BrdfTable {
-        let merl = Grid::merl();
-        let axes: Vec<Axis> = merl.axes().iter().zip([20, 20, 36]).map(|(&axis, len)| Axis { len, ..axis }).collect();
-        Recipe::named("satin-paint").unwrap().synthesise(&Grid::new(axes, merl.channels().to_vec()).unwrap()).unwrap()
-    }
-
-    /// The format lets every tile choose a block shape, though the encoder's own choice is one for all.
-    #[test]
-    fn tiles_may_have_shapes_of_their_own() {
-        let table = table();
-        let shapes = vec![[1, 5, 5, 18], [1, 10, 4, 7], [1, 10, 10, 36]];
-        let partition = Partition::tiled(table.grid().shape(), [1, 10, 10, 36], shapes, vec![0, 1, 2, 1]).unwrap();
-        let blocks = partition.block_count();
-        let bytes = Encoder::new().partition(partition).encode(&table).unwrap().bytes;
-        let reader = Reader::open(bytes).unwrap();
-        assert_eq!(reader.block_count(), blocks);
-        assert!(reader.verify().is_empty());
-        let comparison = crate::metrics::compare(&table, &reader.decode_table().unwrap()).unwrap();
-        assert!(comparison.overall.log_rms < 0.03, "{comparison:?}");
-        assert_eq!(comparison.only_in_reference + comparison.only_in_other, 0);
-    }
-
-    /// From the same samples, several times nearer than the paper's setting; and what the file says of its samples holds.
-    #[test]
-    fn sparse_recovers_more_from_the_same_samples() {
-        let table = table();
-        let ratio = Sampling::from_ratio(0.05).unwrap();
-        let encode = |preset| Encoder::new().preset(preset).sampling(ratio).encode(&table).unwrap();
-        let (paper, sparse) = (encode(Preset::Paper), encode(Preset::Sparse));
-        assert!(sparse.report.log_rms < 0.25 * paper.report.log_rms, "{:?} {:?}", sparse.report, paper.report);
-        assert_eq!(sparse.report.sampled, paper.report.sampled);
-        let reader = Reader::open(sparse.bytes).unwrap();
-        let sampled: usize = (0..reader.block_count()).flat_map(|b| reader.block_info(b).unwrap().sampled).sum();
-        assert_eq!(sampled, sparse.report.sampled);
-    }
-
-    /// With every valid entry a sample, the trend fills the holes and leaves the rest alone.
-    #[test]
-    fn a_trend_fills_holes() {
-        let full = table();
-        let mut random = crate::sample::SplitMix64(3);
-        let n = full.grid().positions();
-        let keep: Vec<bool> = (0..n).map(|_| random.next_u64().is_multiple_of(10)).collect();
-        let valid = full.valid().iter().enumerate().map(|(i, v)| *v && keep[i % n]).collect();
-        let sparse = BrdfTable::from_parts(full.grid().clone(), full.values().to_vec(), valid).unwrap();
-        let encoded = Encoder::new().preset(Preset::Sparse).sampling(Sampling::Every).encode(&sparse).unwrap();
-        assert!(encoded.report.log_rms < 0.02, "{:?}", encoded.report);
-        let decoded = Reader::open(encoded.bytes).unwrap().decode_all().unwrap();
-        let filled = full.valid().iter().enumerate().filter(|(i, v)| **v && !keep[i % n]);
-        let (sum, count) = filled.fold((0.0, 0), |(sum, count), (i, _)| {
-            let scale = full.grid().channels()[i / n].scale;
-            let truth = crate::tone::tone_map(full.values()[i] * scale, 1e-3);
-            (sum + (truth - crate::tone::tone_map(decoded[i].into(), 1e-3)).powi(2), count + 1)
-        });
-        let rms = (sum / f64::from(count)).sqrt();
-        assert!(rms < 0.05, "{rms}");
-    }
-
-    /// A block whose ratio is doubled up to every entry is as good as one of a file that samples every entry.
-    #[test]
-    fn blocks_doubled_to_every_entry_hold_what_was_measured() {
-        let merl = Grid::merl();
-        let axes: Vec<Axis> = merl.axes().iter().zip([6, 5, 7]).map(|(&axis, len)| Axis { len, ..axis }).collect();
-        let grid = Grid::new(axes, merl.channels().to_vec()).unwrap();
-        let mut random = crate::sample::SplitMix64(8);
-        let values: Vec<f64> = (0..grid.positions() * 3).map(|_| 1e3 * (random.next_u64() >> 54) as f64).collect();
-        let table = BrdfTable::from_values(grid, values).unwrap();
-        let encoder = Encoder::new().block_shape(&[6, 5, 7]).quality(0.01).iterations(1);
-        let all = encoder.encode(&table).unwrap().report;
-        let encoded = encoder.clone().sampling_for(0.01).encode(&table).unwrap();
-        assert_eq!(encoded.report.sampled, encoded.report.valid);
-        assert!(encoded.report.log_rms < 1.01 * all.log_rms, "{:?} {all:?}", encoded.report);
-        let settings = Reader::open(encoded.bytes).unwrap().metadata().unwrap().encoder.unwrap();
-        assert_eq!(settings["trend"], true);
-    }
-
-    /// Few samples where a table is smooth, more where it is not, and in the end the error that was asked for.
-    #[test]
-    fn samples_go_where_they_are_needed() {
-        let table = table();
-        let encoder = Encoder::new().preset(Preset::Sparse).block_shape(&[5, 5, 9]);
-        let encoded = encoder.sampling_for(0.03).encode(&table).unwrap();
-        assert!(encoded.report.log_rms <= 0.03, "{:?}", encoded.report);
-        let reader = Reader::open(encoded.bytes).unwrap();
-        let infos: Vec<_> = (0..reader.block_count()).map(|b| reader.block_info(b).unwrap()).collect();
-        let with = |small: bool| infos.iter().filter(|i| i.valid[0] > 0 && (i.ratio < 0.1) == small).count();
-        assert!(with(true) > 0 && with(false) > 0, "{} {}", with(true), with(false));
-    }
-
-    #[test]
-    fn a_target_below_the_quantisers_error_is_refused() {
-        let error = Encoder::new().sampling_for(0.005).encode(&table()).unwrap_err().to_string();
-        assert!(error.contains("quality"), "{error}");
-    }
-}
+mod tests;

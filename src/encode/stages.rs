@@ -1,0 +1,111 @@
+//! Stages one to five of the encoder, block by block: tone map, channel transform, sampling, recovery, quantiser.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use rayon::prelude::*;
+
+use super::Encoder;
+use super::blocks::{Quantized, gather_log};
+use super::estimate::Estimate;
+use super::recover::{Recoverer, Recovery, Solves};
+use crate::block::{Block, Partition};
+use crate::channel::ChannelTransform;
+use crate::error::{Error, Result};
+use crate::quantize::{Quantizer, quantize_mean};
+use crate::sample::block_seed;
+use crate::table::BrdfTable;
+
+impl Encoder {
+    pub(super) fn recovery(&self, iterations: usize) -> Recovery {
+        let (basis, sampling, weighting) = (self.basis, self.base_sampling(), self.weighting);
+        Recovery { basis, sampling, sigma_rms: self.sigma_rms(), iterations, weighting }
+    }
+
+    /// Stages one to five of all blocks, in parallel, in order.
+    pub(super) fn quantize_blocks<'a>(
+        &'a self,
+        table: &'a BrdfTable,
+        transform: &'a ChannelTransform,
+        partition: &'a Partition,
+        estimate: Option<&'a Estimate>,
+        iterations: usize,
+        progress: &'a (dyn Fn(f64) + Sync),
+    ) -> impl IndexedParallelIterator<Item = Result<Quantized>> + 'a {
+        let recovery = self.recovery(iterations);
+        let done = AtomicUsize::new(0);
+        let count = partition.block_count();
+        (0..count).into_par_iter().map_init(
+            move || Recoverer::new(recovery),
+            move |recoverer, number| {
+                let block = partition.block(number).expect("number is below the count");
+                let quantized = self.quantize_block(table, transform, estimate, recoverer, number, &block);
+                progress((done.fetch_add(1, Ordering::Relaxed) + 1) as f64 / count as f64);
+                quantized.ok_or_else(|| self.too_fine())
+            },
+        )
+    }
+
+    /// Stages one to five of a block: tone map, channel transform, sampling, recovery, quantiser.
+    /// `None` if the step is too small for the format.
+    pub(super) fn quantize_block(
+        &self,
+        table: &BrdfTable,
+        transform: &ChannelTransform,
+        estimate: Option<&Estimate>,
+        recoverer: &mut Recoverer,
+        number: usize,
+        block: &Block,
+    ) -> Option<Quantized> {
+        let n = block.positions();
+        let channels = table.grid().channels().len();
+        let (mut log, valid) = gather_log(table, block, self.eps);
+        match estimate {
+            Some(estimate) => estimate.gather(block, &mut log),
+            None => transform.forward(&mut log, channels),
+        }
+        let seed = block_seed(self.seed, number as u32);
+        let mut coefficients = vec![0; channels * n];
+        let mut means = vec![None; channels];
+        let mut shortfall = [(0.0, 0); 2];
+        let mut squared_error = 0.0;
+        let mut sampled = estimate.map_or(0, |estimate| estimate.sampled[number]);
+        let doublings = estimate.map_or(0, |estimate| estimate.doublings[number]);
+        let mut cost = Solves::default();
+        for c in 0..channels {
+            let values = &mut log[c * n..(c + 1) * n];
+            let valid = &valid[c * n..(c + 1) * n];
+            let known = match estimate {
+                Some(_) if valid.contains(&true) => {
+                    recoverer.analyze(block.shape, values);
+                    true
+                }
+                Some(_) => {
+                    values.fill(0.0);
+                    false
+                }
+                None => {
+                    let samples = recoverer.recover(block.shape, seed, values, valid, &mut cost);
+                    sampled += samples;
+                    samples > 0
+                }
+            };
+            means[c] = if known { Some(quantize_mean(self.step, values[0])?) } else { None };
+            for (q, &value) in coefficients[c * n..(c + 1) * n].iter_mut().zip(values.iter()).skip(1) {
+                *q = Quantizer::quantize(self.step, self.rounding, value)?;
+                squared_error += (value - f64::from(*q) * f64::from(self.step)).powi(2);
+                if *q != 0 {
+                    let sum = &mut shortfall[usize::from(q.unsigned_abs() > 1)];
+                    sum.0 += f64::from(q.unsigned_abs()) - value.abs() / f64::from(self.step);
+                    sum.1 += 1;
+                }
+            }
+        }
+        Some(Quantized { shape: block.shape, coefficients, means, shortfall, squared_error, sampled, doublings, cost })
+    }
+
+    pub(super) fn too_fine(&self) -> Error {
+        let largest = crate::entropy::MAX_MAGNITUDE;
+        let step = self.step;
+        Error::InvalidArgument(format!("quality {step} is too fine: a coefficient is beyond {largest} steps; raise it"))
+    }
+}

@@ -1,0 +1,101 @@
+//! The presets and settings on small tables.
+
+use super::*;
+use crate::decode::Reader;
+use crate::grid::{Axis, Grid};
+use crate::table::synth::Recipe;
+
+fn table() -> BrdfTable {
+    let merl = Grid::merl();
+    let axes: Vec<Axis> = merl.axes().iter().zip([20, 20, 36]).map(|(&axis, len)| Axis { len, ..axis }).collect();
+    Recipe::named("satin-paint").unwrap().synthesise(&Grid::new(axes, merl.channels().to_vec()).unwrap()).unwrap()
+}
+
+/// The format lets every tile choose a block shape, though the encoder's own choice is one for all.
+#[test]
+fn tiles_may_have_shapes_of_their_own() {
+    let table = table();
+    let shapes = vec![[1, 5, 5, 18], [1, 10, 4, 7], [1, 10, 10, 36]];
+    let partition = Partition::tiled(table.grid().shape(), [1, 10, 10, 36], shapes, vec![0, 1, 2, 1]).unwrap();
+    let blocks = partition.block_count();
+    let bytes = Encoder::new().partition(partition).encode(&table).unwrap().bytes;
+    let reader = Reader::open(bytes).unwrap();
+    assert_eq!(reader.block_count(), blocks);
+    assert!(reader.verify().is_empty());
+    let comparison = crate::metrics::compare(&table, &reader.decode_table().unwrap()).unwrap();
+    assert!(comparison.overall.log_rms < 0.03, "{comparison:?}");
+    assert_eq!(comparison.only_in_reference + comparison.only_in_other, 0);
+}
+
+/// From the same samples, several times nearer than the paper's setting; and what the file says of its samples holds.
+#[test]
+fn sparse_recovers_more_from_the_same_samples() {
+    let table = table();
+    let ratio = Sampling::from_ratio(0.05).unwrap();
+    let encode = |preset| Encoder::new().preset(preset).sampling(ratio).encode(&table).unwrap();
+    let (paper, sparse) = (encode(Preset::Paper), encode(Preset::Sparse));
+    assert!(sparse.report.log_rms < 0.25 * paper.report.log_rms, "{:?} {:?}", sparse.report, paper.report);
+    assert_eq!(sparse.report.sampled, paper.report.sampled);
+    let reader = Reader::open(sparse.bytes).unwrap();
+    let sampled: usize = (0..reader.block_count()).flat_map(|b| reader.block_info(b).unwrap().sampled).sum();
+    assert_eq!(sampled, sparse.report.sampled);
+}
+
+/// With every valid entry a sample, the trend fills the holes and leaves the rest alone.
+#[test]
+fn a_trend_fills_holes() {
+    let full = table();
+    let mut random = crate::sample::SplitMix64(3);
+    let n = full.grid().positions();
+    let keep: Vec<bool> = (0..n).map(|_| random.next_u64().is_multiple_of(10)).collect();
+    let valid = full.valid().iter().enumerate().map(|(i, v)| *v && keep[i % n]).collect();
+    let sparse = BrdfTable::from_parts(full.grid().clone(), full.values().to_vec(), valid).unwrap();
+    let encoded = Encoder::new().preset(Preset::Sparse).sampling(Sampling::Every).encode(&sparse).unwrap();
+    assert!(encoded.report.log_rms < 0.02, "{:?}", encoded.report);
+    let decoded = Reader::open(encoded.bytes).unwrap().decode_all().unwrap();
+    let filled = full.valid().iter().enumerate().filter(|(i, v)| **v && !keep[i % n]);
+    let (sum, count) = filled.fold((0.0, 0), |(sum, count), (i, _)| {
+        let scale = full.grid().channels()[i / n].scale;
+        let truth = crate::tone::tone_map(full.values()[i] * scale, 1e-3);
+        (sum + (truth - crate::tone::tone_map(decoded[i].into(), 1e-3)).powi(2), count + 1)
+    });
+    let rms = (sum / f64::from(count)).sqrt();
+    assert!(rms < 0.05, "{rms}");
+}
+
+/// A block whose ratio is doubled up to every entry is as good as one of a file that samples every entry.
+#[test]
+fn blocks_doubled_to_every_entry_hold_what_was_measured() {
+    let merl = Grid::merl();
+    let axes: Vec<Axis> = merl.axes().iter().zip([6, 5, 7]).map(|(&axis, len)| Axis { len, ..axis }).collect();
+    let grid = Grid::new(axes, merl.channels().to_vec()).unwrap();
+    let mut random = crate::sample::SplitMix64(8);
+    let values: Vec<f64> = (0..grid.positions() * 3).map(|_| 1e3 * (random.next_u64() >> 54) as f64).collect();
+    let table = BrdfTable::from_values(grid, values).unwrap();
+    let encoder = Encoder::new().block_shape(&[6, 5, 7]).quality(0.01).iterations(1);
+    let all = encoder.encode(&table).unwrap().report;
+    let encoded = encoder.clone().sampling_for(0.01).encode(&table).unwrap();
+    assert_eq!(encoded.report.sampled, encoded.report.valid);
+    assert!(encoded.report.log_rms < 1.01 * all.log_rms, "{:?} {all:?}", encoded.report);
+    let settings = Reader::open(encoded.bytes).unwrap().metadata().unwrap().encoder.unwrap();
+    assert_eq!(settings["trend"], true);
+}
+
+/// Few samples where a table is smooth, more where it is not, and in the end the error that was asked for.
+#[test]
+fn samples_go_where_they_are_needed() {
+    let table = table();
+    let encoder = Encoder::new().preset(Preset::Sparse).block_shape(&[5, 5, 9]);
+    let encoded = encoder.sampling_for(0.03).encode(&table).unwrap();
+    assert!(encoded.report.log_rms <= 0.03, "{:?}", encoded.report);
+    let reader = Reader::open(encoded.bytes).unwrap();
+    let infos: Vec<_> = (0..reader.block_count()).map(|b| reader.block_info(b).unwrap()).collect();
+    let with = |small: bool| infos.iter().filter(|i| i.valid[0] > 0 && (i.ratio < 0.1) == small).count();
+    assert!(with(true) > 0 && with(false) > 0, "{} {}", with(true), with(false));
+}
+
+#[test]
+fn a_target_below_the_quantisers_error_is_refused() {
+    let error = Encoder::new().sampling_for(0.005).encode(&table()).unwrap_err().to_string();
+    assert!(error.contains("quality"), "{error}");
+}
