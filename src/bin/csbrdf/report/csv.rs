@@ -47,7 +47,7 @@ pub fn points(tables: &[Tried]) -> String {
 /// One row an iterate of a followed solve.
 pub fn traces(tables: &[Tried]) -> String {
     let mut text = String::from(
-        "table,block,kind,log_range,settings,component,samples,sigma,encoder_stops,iterations,transforms,seconds,\
+        "table,block,kind,log_range,settings,component,samples,sigma,reached,iterations,transforms,seconds,\
          residual,gap\n",
     );
     for tried in tables {
@@ -64,7 +64,7 @@ pub fn traces(tables: &[Tried]) -> String {
                         csv(settings),
                         trace.samples,
                         trace.sigma,
-                        trace.encoder_stops,
+                        trace.reached,
                         step.iterations,
                         step.transforms,
                         step.seconds,

@@ -76,16 +76,16 @@ pub fn following(followed: &[Followed]) -> Vec<Plot> {
                 let style = Style(i);
                 let points: Vec<_> = trace.steps.iter().map(|s| (x(s), y(s))).collect();
                 plot.lines.push(Line { style, points: thin(&points), title: followed.settings.clone() });
-                if let Some(step) = trace.steps.get(trace.encoder_stops) {
+                if let Some(step) = trace.steps.get(trace.reached) {
                     let title = format!(
-                        "{}\nan encode stops here: {} iterations, {:.2} ms, residual {}, gap {}",
+                        "{}\nsigma reached, or the limit of iterations: {} iterations, {:.2} ms, residual {}, gap {}",
                         followed.settings,
                         step.iterations,
                         1e3 * step.seconds,
                         error_figure(step.residual),
                         error_figure(step.gap)
                     );
-                    plot.marks.push(Mark { style, at: points[trace.encoder_stops], title, link: None });
+                    plot.marks.push(Mark { style, at: points[trace.reached], title, link: None });
                 }
                 let known = plot.levels.iter().any(|l| l.0 == trace.sigma);
                 if y_name.starts_with("residual") && !known && is_plottable(trace.sigma) {

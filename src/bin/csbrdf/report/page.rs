@@ -102,7 +102,8 @@ fn followed(out: &mut String, tried: &Tried) {
          brightness if the colours are coded together). Smooth, glossy and stiff are the blocks of least, median and \
          greatest range of ln(f + 0.001) among those of which half the entries are valid or more. Residual: rms over \
          the samples, log domain; dashed: sigma. Gap: (u - l) / u with the best bounds u and l of the least norm so far, \
-         u from a point made feasible, l from the residual as a dual point. The mark is where an encode stops; from \
+         u from a point made feasible, l from the residual as a dual point. The descent shown is SPGL1's; where samples are many \
+         an encode takes a splitting method instead, about three times faster. The mark is where sigma is reached, or the limit of iterations; from \
          there on the solve is followed to a gap of {GAP}. Preset sparse solves no single blocks. One thread, of each step the \
          least time of {RUNS} runs.</p>"
     );
