@@ -13,7 +13,8 @@ use crate::args::{DecodeArgs, FormatArg};
 use crate::failure::{Failure, Outcome};
 use crate::input::{self, Bytes, is_dash};
 use crate::output::Target;
-use crate::text::{nine_digits, quoted};
+use crate::quote::csv;
+use crate::text::nine_digits;
 
 /// Value of an entry that was not measured, as in MERL's tables.
 const MISSING: f32 = -1.0;
@@ -178,7 +179,7 @@ fn array_shape(reader: &Reader<Bytes>, padded: [usize; 4]) -> Vec<usize> {
 fn write_csv(reader: &Reader<Bytes>, block: &Decoded, out: &mut dyn Write) -> csbrdf::Result<()> {
     let grid = reader.grid();
     let axes = grid.axes().iter().map(|a| format!("{}_bin", a.name.as_str()));
-    let head: Vec<String> = axes.chain(grid.channels().iter().map(|c| quoted(&c.name))).collect();
+    let head: Vec<String> = axes.chain(grid.channels().iter().map(|c| csv(&c.name).into_owned())).collect();
     writeln!(out, "{}", head.join(","))?;
     let padding = 4 - grid.axes().len();
     let n = block.place.positions();

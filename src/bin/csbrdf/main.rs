@@ -12,6 +12,7 @@ mod input;
 mod output;
 mod picture;
 mod plan;
+mod quote;
 mod report;
 mod samples;
 mod study;

@@ -10,7 +10,6 @@ mod page;
 mod plan;
 mod plot;
 mod point;
-mod quote;
 mod style;
 mod trace;
 

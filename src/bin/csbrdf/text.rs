@@ -54,11 +54,6 @@ pub fn error_figure(x: f64) -> String {
     }
 }
 
-/// A field of a CSV file (RFC 4180).
-pub fn quoted(name: &str) -> String {
-    if name.contains([',', '"', '\n', '\r']) { format!("\"{}\"", name.replace('"', "\"\"")) } else { name.into() }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

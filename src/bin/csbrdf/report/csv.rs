@@ -3,8 +3,8 @@
 use std::fmt::Write;
 
 use super::Tried;
-use super::quote::csv;
 use super::trace::Followed;
+use crate::quote::csv;
 
 /// One row a point.
 pub fn points(tables: &[Tried]) -> String {

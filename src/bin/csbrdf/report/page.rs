@@ -5,10 +5,10 @@ use std::fmt::Write;
 use super::figures::{following, precision};
 use super::front::pareto_front;
 use super::point::{DECODES, Point};
-use super::quote::html;
 use super::style::Style;
 use super::trace::{GAP, RUNS};
 use super::{Run, Tried};
+use crate::quote::html;
 use crate::text::{decibel, error_figure, grouped};
 
 const STYLE: &str = "\

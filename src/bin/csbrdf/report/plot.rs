@@ -3,8 +3,8 @@
 use std::fmt::Write;
 
 use super::axis::{Axis, is_plottable, tick_label};
-use super::quote::html;
 use super::style::Style;
+use crate::quote::html;
 
 const WIDTH: f64 = 440.0;
 const HEIGHT: f64 = 320.0;

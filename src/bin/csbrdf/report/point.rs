@@ -11,10 +11,10 @@ use csbrdf::render::{Image, psnr, sphere_of_table};
 use csbrdf::table::BrdfTable;
 
 use super::plan::preset_name;
-use super::quote;
 use crate::args::{Cli, Command, EncodeArgs};
 use crate::encode;
 use crate::failure::Failure;
+use crate::quote;
 
 /// Decodes of a point; the fastest counts.
 pub const DECODES: usize = 5;

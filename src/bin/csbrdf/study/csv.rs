@@ -1,6 +1,6 @@
 //! Tables as text (RFC 4180).
 
-use crate::text::quoted;
+use crate::quote::csv;
 
 /// Rows of fields under a head.
 pub struct Csv(String);
@@ -12,7 +12,7 @@ impl Csv {
 
     /// Adds a row.
     pub fn row(&mut self, fields: &[String]) {
-        let fields: Vec<String> = fields.iter().map(|f| quoted(f)).collect();
+        let fields: Vec<_> = fields.iter().map(|field| csv(field)).collect();
         self.0 += &fields.join(",");
         self.0.push('\n');
     }

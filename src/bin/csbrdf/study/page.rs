@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use super::plan::{PRESETS, Plan, percentage};
 use super::shot::DEFINITION;
+use crate::quote;
 
 const STYLE: &str = "body{font:15px/1.5 system-ui,sans-serif;margin:2em auto;max-width:1200px;padding:0 1em;color:#222}\
 h1{font-size:1.6em}h2{font-size:1.25em;margin-top:2.2em;border-top:1px solid #ccc;padding-top:.8em}\
@@ -29,7 +30,7 @@ impl Section {
     }
 
     pub fn text(&mut self, text: &str) {
-        let _ = writeln!(self.body, "<p>{}</p>", escape(text));
+        let _ = writeln!(self.body, "<p>{}</p>", quote::html(text));
     }
 
     /// A statement of the paper and what is measured here.
@@ -47,14 +48,14 @@ impl Section {
     }
 
     fn figure(&mut self, class: &str, file: &str, caption: &str) {
-        let (source, caption) = (url(file), escape(caption));
+        let (source, caption) = (url(file), quote::html(caption));
         let image = format!("<img src=\"{source}\" alt=\"{caption}\">");
         let _ = writeln!(self.body, "<figure{class}>{image}<figcaption>{caption}</figcaption></figure>");
     }
 
     /// A contact sheet of equal tiles with a label over each.
     pub fn sheet(&mut self, file: &str, description: &str, columns: usize, labels: &[String]) {
-        let spans: String = labels.iter().map(|l| format!("<span>{}</span>", escape(l))).collect();
+        let spans: String = labels.iter().map(|l| format!("<span>{}</span>", quote::html(l))).collect();
         // Rows without labels at the end keep their height.
         let rows = labels.len().div_ceil(columns.max(1)).max(1);
         let _ = writeln!(
@@ -62,7 +63,7 @@ impl Section {
             "<div class=\"sheet\"><img src=\"{}\" alt=\"{}\"><div style=\"grid-template:repeat({rows},1fr)/\
              repeat({columns},1fr)\">{spans}</div></div>",
             url(file),
-            escape(description)
+            quote::html(description)
         );
     }
 
@@ -100,11 +101,14 @@ impl Page {
             presets.join(", "),
             ratios.join(", "),
             plan.seed,
-            escape(&plan.command)
+            quote::html(&plan.command)
         );
         if !left_out.is_empty() {
-            let _ =
-                writeln!(head, "<p><strong>Left out, could not be read: {}</strong></p>", escape(&left_out.join(", ")));
+            let _ = writeln!(
+                head,
+                "<p><strong>Left out, could not be read: {}</strong></p>",
+                quote::html(&left_out.join(", "))
+            );
         }
         Page { head, sections: Vec::new() }
     }
@@ -123,14 +127,14 @@ impl Page {
         if !claims.is_empty() {
             text.push_str("<table class=\"claims\"><tr><th>the paper</th><th>here</th></tr>\n");
             for [paper, here] in claims {
-                let _ = writeln!(text, "<tr><td>{}</td><td>{}</td></tr>", escape(paper), escape(here));
+                let _ = writeln!(text, "<tr><td>{}</td><td>{}</td></tr>", quote::html(paper), quote::html(here));
             }
             text.push_str("</table>\n");
         }
         for section in &self.sections {
-            let _ = writeln!(text, "<h2>{}</h2>\n{}", escape(&section.title), section.body);
+            let _ = writeln!(text, "<h2>{}</h2>\n{}", quote::html(&section.title), section.body);
             if !section.commands.is_empty() {
-                let _ = writeln!(text, "<pre>{}</pre>", escape(&section.commands.join("\n")));
+                let _ = writeln!(text, "<pre>{}</pre>", quote::html(&section.commands.join("\n")));
             }
         }
         let _ = writeln!(text, "<p>Made in {seconds:.0} s.</p>\n</body></html>");
@@ -141,17 +145,13 @@ impl Page {
 /// A table of text cells under a head.
 pub fn table(head: &[&str], rows: &[Vec<String>]) -> String {
     let cells = |tag: &str, cells: &mut dyn Iterator<Item = &str>| -> String {
-        cells.map(|c| format!("<{tag}>{}</{tag}>", escape(c))).collect()
+        cells.map(|c| format!("<{tag}>{}</{tag}>", quote::html(c))).collect()
     };
     let mut html = format!("<table><tr>{}</tr>\n", cells("th", &mut head.iter().copied()));
     for row in rows {
         let _ = writeln!(html, "<tr>{}</tr>", cells("td", &mut row.iter().map(String::as_str)));
     }
     html + "</table>\n"
-}
-
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 /// A file name as a relative address.
@@ -166,7 +166,7 @@ mod tests {
 
     #[test]
     fn names_cannot_break_the_page() {
-        assert_eq!(escape("<a & \"b\">"), "&lt;a &amp; &quot;b&quot;&gt;");
+        assert_eq!(quote::html("<a & \"b\">"), "&lt;a &amp; &quot;b&quot;&gt;");
         assert_eq!(url("a b<\u{e9}>.png"), "a%20b%3C%C3%A9%3E.png");
         assert!(table(&["x"], &[vec!["<1>".into()]]).contains("<td>&lt;1&gt;</td>"));
     }

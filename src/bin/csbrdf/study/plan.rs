@@ -9,6 +9,7 @@ use csbrdf::render::trace::Quality;
 use super::light;
 use crate::args::{FigureArg, StudyArgs};
 use crate::failure::{Failure, note};
+use crate::quote::shell;
 use crate::text::clean;
 
 /// The presets that are compared, by name.
@@ -235,9 +236,7 @@ fn command(args: &StudyArgs, plan: &Plan) -> String {
 
 /// A word for a shell.
 pub fn quote(word: impl AsRef<std::ffi::OsStr>) -> String {
-    let word = word.as_ref().to_string_lossy();
-    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./,%=+:@".contains(c);
-    if !word.is_empty() && word.chars().all(plain) { word.into() } else { format!("'{}'", word.replace('\'', "'\\''")) }
+    shell(&word.as_ref().to_string_lossy()).into_owned()
 }
 
 /// A share as people write it.
