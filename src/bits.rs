@@ -59,6 +59,11 @@ impl<'a> ByteReader<'a> {
         self.data.len() - self.at
     }
 
+    /// All bytes that are left.
+    pub(crate) fn rest(self) -> &'a [u8] {
+        &self.data[self.at..]
+    }
+
     /// An error at the current place.
     pub(crate) fn corrupt(&self, what: impl Into<String>) -> Error {
         Error::corrupt(self.section, self.offset(), what)
@@ -112,28 +117,6 @@ impl ByteWriter {
     pub(crate) fn bytes(&mut self, bytes: &[u8]) {
         self.0.extend_from_slice(bytes);
     }
-
-    /// Unsigned integer in `width` bytes.
-    pub(crate) fn uint(&mut self, value: u32, width: usize) {
-        self.bytes(&value.to_le_bytes()[..width]);
-    }
-
-    /// Signed integer in `width` bytes.
-    pub(crate) fn int(&mut self, value: i32, width: usize) {
-        self.bytes(&value.to_le_bytes()[..width]);
-    }
-}
-
-/// Fewest bytes (1 to 4) that hold `value`.
-#[cfg(feature = "encode")]
-pub(crate) fn uint_width(value: u32) -> usize {
-    (1..4).find(|w| value < 1 << (8 * w)).unwrap_or(4)
-}
-
-/// Fewest bytes (1 to 4) that hold the signed `value`.
-#[cfg(feature = "encode")]
-pub(crate) fn int_width(value: i32) -> usize {
-    (1..4).find(|w| (-(1i64 << (8 * w - 1))..1i64 << (8 * w - 1)).contains(&i64::from(value))).unwrap_or(4)
 }
 
 #[cfg(test)]
@@ -151,21 +134,13 @@ mod tests {
         assert!(reader.finish().is_err());
     }
 
-    #[cfg(feature = "encode")]
     #[test]
-    fn widths_hold_their_values() {
-        for value in [0, 1, -1, 127, 128, -128, -129, 32767, 32768, -32768, -32769, 1 << 23, i32::MAX, i32::MIN] {
-            let width = int_width(value);
-            let mut writer = ByteWriter::default();
-            writer.int(value, width);
-            assert_eq!(writer.0.len(), width);
-            assert_eq!(read_int(&writer.0, width), value);
-        }
-        for value in [0, 255, 256, 65535, 65536, (1 << 24) - 1, 1 << 24, u32::MAX] {
-            let width = uint_width(value);
-            let mut writer = ByteWriter::default();
-            writer.uint(value, width);
-            assert_eq!(read_uint(&writer.0, width), value);
-        }
+    fn widths_are_kept() {
+        assert_eq!(read_int(&[0x70, 0xFE], 2), -400);
+        assert_eq!(read_int(&[0xFF], 1), -1);
+        assert_eq!(read_int(&[0, 0, 0x80], 3), -(1 << 23));
+        assert_eq!(read_int(&[0, 0, 0, 0x80], 4), i32::MIN);
+        assert_eq!(read_uint(&[0xFF, 0xFF, 0xFF], 3), (1 << 24) - 1);
+        assert_eq!(read_uint(&[0xFF; 4], 4), u32::MAX);
     }
 }

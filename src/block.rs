@@ -190,6 +190,11 @@ impl Partition {
         self.shapes.iter().map(|shape| shape.iter().product()).max().unwrap_or(1)
     }
 
+    /// Positions of the block of a number below [`Partition::block_count`].
+    pub(crate) fn positions_of(&self, number: usize) -> usize {
+        self.block(number).map_or(1, |block| block.positions())
+    }
+
     /// Number of blocks along each axis, if one tile covers the grid.
     pub fn blocks_per_axis(&self) -> Option<[usize; 4]> {
         (self.tile_shape.len() == 1).then(|| div_ceil(self.grid, self.shape_of(0)))

@@ -35,6 +35,22 @@ impl ChannelTransform {
         }
     }
 
+    /// Components to log values, in place, for the encoder: not the decoder's rounding.
+    #[cfg(feature = "encode")]
+    pub(crate) fn inverse_f64(&self, planes: &mut [f64], channels: usize) {
+        let ChannelTransform::Matrix(matrix) = self else { return };
+        let n = planes.len() / channels;
+        let mut components = vec![0.0; channels];
+        for i in 0..n {
+            for (t, component) in components.iter_mut().enumerate() {
+                *component = planes[t * n + i];
+            }
+            for c in 0..channels {
+                planes[c * n + i] = (0..channels).map(|t| components[t] * f64::from(matrix[t * channels + c])).sum();
+            }
+        }
+    }
+
     /// Components to log values, in place, each the sum over components in ascending order.
     pub(crate) fn inverse(&self, planes: &mut [f32], channels: usize) {
         let ChannelTransform::Matrix(matrix) = self else { return };

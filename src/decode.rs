@@ -10,20 +10,26 @@ use crate::format::header::{self, Coding};
 use crate::format::index::Index;
 #[cfg(feature = "metadata")]
 use crate::format::metadata::Metadata;
+use crate::format::profile::{CodedProfile, read_profile};
 use crate::format::record::{Record, ValidityClass};
-use crate::format::{Limits, MAX_BLOCK_VALUES, may_double};
+use crate::format::{Limits, MAX_BLOCK_VALUES, is_compact, may_double};
 use crate::fourier::{Extents, Synthesis};
 use crate::grid::Grid;
 use crate::horizon::Horizon;
 use crate::mask::{self, MaskModel};
+use crate::profile::Profile;
 use crate::quantize::{Quantizer, dequantize_mean};
 use crate::range::Decoder;
 use crate::sample::{MAX_DOUBLINGS, Sampling, block_seed, sample_positions};
 use crate::table::BrdfTable;
 use crate::tone::{inverse_tone_map, inverse_tone_map_f64};
+use crate::zeros::{self, code_zeros};
 
-/// Number of contexts of the range coder: coefficients, then masks.
-pub(crate) const CONTEXTS: usize = entropy::CONTEXTS + mask::CONTEXTS;
+/// First contexts of the range coder for coefficients (from 0), masks, zeros.
+pub(crate) const MASKS: usize = entropy::CONTEXTS;
+pub(crate) const ZEROS: usize = MASKS + mask::CONTEXTS;
+/// Number of contexts of the range coder; drafts 1 and 2 end before the zeros.
+pub(crate) const CONTEXTS: usize = ZEROS + zeros::CONTEXTS;
 
 /// An open file over bytes in memory or in a map. Shared freely between threads; decoding takes `&self`.
 pub struct Reader<D> {
@@ -43,6 +49,8 @@ pub(crate) struct Header {
     synthesis: Synthesis,
     horizon: OnceLock<Option<Horizon>>,
     mask: OnceLock<MaskModel>,
+    coded_profile: Option<CodedProfile>,
+    profile: OnceLock<Result<Profile, &'static str>>,
 }
 
 /// Buffers of a decode, for callers that rebuild many blocks on a thread.
@@ -52,6 +60,8 @@ pub struct Scratch {
     extents: Vec<Extents>,
     walk: Walk,
     masks: Vec<bool>,
+    /// Exact zeros, `[channel][position]`; empty where the file tells none.
+    zeros: Vec<bool>,
     /// Log values, `[channel][position]`.
     pub(crate) log: Vec<f32>,
     lines: Vec<f32>,
@@ -96,7 +106,28 @@ pub struct BlockInfo {
 impl Header {
     pub(crate) fn new(grid: Grid, coding: Coding, partition: Partition, probabilities: Vec<u16>) -> Header {
         let synthesis = Synthesis::new(coding.basis, &partition.axis_lengths());
-        Header { grid, coding, partition, probabilities, synthesis, horizon: OnceLock::new(), mask: OnceLock::new() }
+        Header {
+            grid,
+            coding,
+            partition,
+            probabilities,
+            synthesis,
+            horizon: OnceLock::new(),
+            mask: OnceLock::new(),
+            coded_profile: None,
+            profile: OnceLock::new(),
+        }
+    }
+
+    /// The same with a grazing profile.
+    pub(crate) fn with_profile(self, coded_profile: Option<CodedProfile>) -> Header {
+        Header { coded_profile, ..self }
+    }
+
+    /// The grazing profile, decoded at first use: opening does not wait for it.
+    fn profile(&self) -> Result<Option<&Profile>, &'static str> {
+        let Some(coded) = &self.coded_profile else { return Ok(None) };
+        self.profile.get_or_init(|| coded.decode(&self.grid)).as_ref().map(Some).map_err(|what| *what)
     }
 
     pub(crate) fn mask_model(&self) -> &MaskModel {
@@ -118,7 +149,13 @@ impl Header {
         if record.class == ValidityClass::None {
             scratch.extents.clear();
             scratch.extents.resize(channels, [0; 4]);
+            scratch.zeros.clear();
             return Ok(());
+        }
+        scratch.zeros.clear();
+        if self.coding.zeros {
+            scratch.zeros.resize(channels * n, false);
+            code_zeros(&mut decoder, ZEROS, block.shape, &scratch.masks, &mut scratch.zeros);
         }
         scratch
             .walk
@@ -140,7 +177,7 @@ impl Header {
             ValidityClass::Mask | ValidityClass::MaskPerChannel => {
                 let per_channel = class == ValidityClass::MaskPerChannel;
                 masks.resize(if per_channel { n * self.grid.channels().len() } else { n }, false);
-                self.mask_model().code(decoder, entropy::CONTEXTS, block, masks);
+                self.mask_model().code(decoder, MASKS, block, masks);
             }
         }
     }
@@ -166,7 +203,14 @@ impl Header {
             values[0] = dequantize_mean(step, means[component]);
             self.synthesis.synthesize(block.shape, extents, values, &mut scratch.lines);
         }
+        if let Some(profile) = self.profile()? {
+            profile.add(block, &mut scratch.log);
+        }
         self.coding.transform.inverse(&mut scratch.log, self.grid.channels().len());
+        for (log, _) in scratch.log.iter_mut().zip(&scratch.zeros).filter(|(_, zero)| **zero) {
+            // exp of it is zero, and so is the value.
+            *log = f32::NEG_INFINITY;
+        }
         Ok(())
     }
 
@@ -221,7 +265,8 @@ impl<D: AsRef<[u8]>> Reader<D> {
         let directory = Directory::read(bytes)?;
         let grid = header::read_grid(directory.open(bytes, directory::GRID)?)?;
         let channels = grid.channels().len();
-        let coding = header::read_coding(directory.open(bytes, directory::CODING)?, channels)?;
+        let compact = is_compact(directory.version().2);
+        let coding = header::read_coding(directory.open(bytes, directory::CODING)?, channels, compact)?;
         let partition = header::read_partition(directory.open(bytes, directory::PARTITION)?, &grid)?;
         let limit = limits.block_values.min(MAX_BLOCK_VALUES);
         // Within the format's limits: no overflow.
@@ -229,10 +274,24 @@ impl<D: AsRef<[u8]>> Reader<D> {
         if values > limit {
             return Err(Error::LimitExceeded { what: "values of a block", got: values as u64, limit: limit as u64 });
         }
-        let probabilities = header::read_probabilities(directory.open(bytes, directory::PROBABILITIES)?, CONTEXTS)?;
+        let contexts = if compact { CONTEXTS } else { ZEROS };
+        let probabilities =
+            header::read_probabilities(directory.open(bytes, directory::PROBABILITIES)?, contexts, compact)?;
+        let profile = match directory.find(directory::PROFILE) {
+            Some(_) if compact => Some(read_profile(directory.open(bytes, directory::PROFILE)?, &grid)?),
+            Some(section) => {
+                let what = "a grazing profile in a draft that has none";
+                return Err(Error::corrupt("GRAZ", section.range.start as u64, what));
+            }
+            None => None,
+        };
         let records = directory.require(directory::RECORDS)?;
-        let index = Index::read(directory.open(bytes, directory::INDEX)?, partition.block_count(), channels, records)?;
-        let header = Header::new(grid, coding, partition, probabilities);
+        let index = directory.open(bytes, directory::INDEX)?;
+        let index = match compact {
+            true => Index::read(index, &partition, channels, records)?,
+            false => Index::read_plain(index, partition.block_count(), channels, records)?,
+        };
+        let header = Header::new(grid, coding, partition, probabilities).with_profile(profile);
         Ok(Reader { data, limits, directory, header, index })
     }
 

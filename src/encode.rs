@@ -3,11 +3,15 @@
 mod adapt;
 mod blocks;
 mod choose;
+mod dense;
 mod estimate;
+mod fill;
+mod grazing;
 mod pack;
 mod recover;
 mod shape;
 mod stages;
+mod tiles;
 pub mod trace;
 mod trend;
 
@@ -27,6 +31,7 @@ use crate::sample::Sampling;
 use crate::table::BrdfTable;
 use blocks::{Quantized, fill_empty_means, shrink};
 use choose::fit_horizon;
+use dense::Dense;
 use estimate::{Estimate, Estimator, Stiffness};
 use recover::Solves;
 
@@ -79,6 +84,7 @@ pub struct Encoder {
     iterations: usize,
     weighting: f64,
     trend: bool,
+    profile: bool,
     eps: f64,
     channels: Channels,
     metadata: Metadata,
@@ -139,6 +145,7 @@ impl Encoder {
             iterations: 200,
             weighting: 1.0,
             trend: false,
+            profile: true,
             eps: 1e-3,
             channels: Channels::Opponent,
             metadata: Metadata::default(),
@@ -243,6 +250,12 @@ impl Encoder {
         Encoder { trend, ..self }
     }
 
+    /// Whether the steep course near the horizon of either direction is taken out by a grazing profile (spec section
+    /// 4.10), where every entry is a sample and the grid is one of half and difference angles.
+    pub fn profile(self, profile: bool) -> Encoder {
+        Encoder { profile, ..self }
+    }
+
     /// Most iterations of one l1 solve.
     pub fn iterations(self, iterations: usize) -> Encoder {
         Encoder { iterations, ..self }
@@ -313,12 +326,19 @@ impl Encoder {
             ));
         }
         let transform = self.choose_transform(table);
-        let (partition, share) = self.choose_partition(table, &transform, progress)?;
-        let mut encoded = self.encode_partition(table, transform, partition, &|done| {
+        let dense = self.dense(table, &transform);
+        let (partition, share) = self.choose_partition(table, &transform, dense.as_ref(), progress)?;
+        let mut encoded = self.encode_partition(table, transform, dense.as_ref(), partition, &|done| {
             progress(share + (1.0 - share) * done);
         })?;
         encoded.report.seconds = start.elapsed().as_secs_f64();
         Ok(encoded)
+    }
+
+    /// The table made ready for blocks, if every valid entry counts.
+    fn dense(&self, table: &BrdfTable, transform: &ChannelTransform) -> Option<Dense> {
+        let every = self.sampling == Sampling::Every && !self.whole_table();
+        every.then(|| Dense::new(table, transform, self.eps, self.basis == Basis::Dct, self.profile, self.step))
     }
 
     /// The table recovered as a whole, if that is what the settings ask for.
@@ -366,15 +386,19 @@ impl Encoder {
         &self,
         table: &BrdfTable,
         transform: ChannelTransform,
+        dense: Option<&Dense>,
         partition: Partition,
         progress: &(dyn Fn(f64) + Sync),
     ) -> Result<Encoded> {
         let estimate = self.estimate(table, &transform, &partition, &|done| progress(0.8 * done));
         let share = if estimate.is_some() { 0.8 } else { 0.0 };
         let recover = |done| progress(share + (0.9 - share) * done);
-        let mut blocks: Vec<Quantized> = self
-            .quantize_blocks(table, &transform, &partition, estimate.as_ref(), self.iterations, &recover)
-            .collect::<Result<_>>()?;
+        let mut blocks: Vec<Quantized> = match dense {
+            Some(dense) => self.quantize_dense_blocks(dense, &transform, &partition, &recover)?,
+            None => self
+                .quantize_blocks(table, &transform, &partition, estimate.as_ref(), self.iterations, &recover)
+                .collect::<Result<_>>()?,
+        };
         fill_empty_means(&mut blocks, table.grid().channels().len());
         let shapes: Vec<Vec<usize>> =
             partition.shapes().iter().map(|s| s[4 - table.grid().axes().len()..].to_vec()).collect();
@@ -387,14 +411,16 @@ impl Encoder {
             steps: vec![self.step; table.grid().channels().len()],
             shrink: shrink(&blocks),
             horizon: fit_horizon(table),
+            zeros: dense.is_some_and(|dense| dense.zeros),
         };
-        let packed = pack::pack(table, coding, partition, &blocks)?;
+        let profile = dense.and_then(|dense| dense.profile.clone());
+        let packed = pack::pack(table, coding, partition, profile, &blocks)?;
         let mut cost = estimate.map_or(Solves::default(), |estimate| estimate.cost);
         blocks.iter().for_each(|block| cost += block.cost);
         let report = Report {
             entries: table.values().len(),
             valid: table.valid_count(),
-            sampled: blocks.iter().map(|b| b.sampled).sum(),
+            sampled: if dense.is_some() { table.valid_count() } else { blocks.iter().map(|b| b.sampled).sum() },
             blocks: blocks.len(),
             log_rms: packed.log_rms,
             log_max: packed.log_max,

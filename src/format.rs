@@ -7,6 +7,7 @@ pub mod directory;
 pub mod header;
 pub mod index;
 pub mod metadata;
+pub(crate) mod profile;
 pub mod record;
 
 /// First bytes of every file. The high bit and the line ends show text-mode damage, the 0x1A stops `type`.
@@ -16,11 +17,14 @@ pub const MAGIC: [u8; 8] = [0x8B, b'C', b'S', b'B', b'\r', b'\n', 0x1A, b'\n'];
 pub const END_MARKER: [u8; 8] = *b"CSBRDF.\n";
 
 /// Major version, minor version and draft number that this build writes; draft 0 means final.
-pub const VERSION: (u16, u16, u16) = (1, 0, 2);
+pub const VERSION: (u16, u16, u16) = (1, 0, 3);
 /// Oldest draft that this build reads.
 pub const OLDEST_DRAFT: u16 = 1;
 /// First draft whose records may double the sampling ratio.
 const DOUBLINGS_DRAFT: u16 = 2;
+
+/// First draft with a coded index, codes of probabilities, exact zeros, grazing profiles.
+const COMPACT_DRAFT: u16 = 3;
 
 /// Whether this build reads files of a draft; 0 is final, and after every draft.
 pub(crate) fn reads_draft(draft: u16) -> bool {
@@ -30,6 +34,11 @@ pub(crate) fn reads_draft(draft: u16) -> bool {
 /// Whether records of a draft may double the sampling ratio; those of final versions may.
 pub(crate) fn may_double(draft: u16) -> bool {
     draft == 0 || draft >= DOUBLINGS_DRAFT
+}
+
+/// Whether files of a draft have the coded index and what else came with it.
+pub(crate) fn is_compact(draft: u16) -> bool {
+    draft == 0 || draft >= COMPACT_DRAFT
 }
 
 /// Most axes of a grid.
@@ -58,6 +67,8 @@ pub const MAX_BLOCK_WORK: u64 = 1 << 30;
 pub const MAX_TABLE_ENTRIES: usize = 1 << 22;
 /// Most bytes of the metadata after decompression.
 pub const MAX_METADATA: usize = 1 << 20;
+/// Most means of an index: blocks times channels.
+pub const MAX_MEANS: usize = 1 << 24;
 /// Most sections of a file.
 pub const MAX_SECTIONS: usize = 64;
 

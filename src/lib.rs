@@ -72,6 +72,7 @@ mod mask;
 pub mod metrics;
 #[cfg(feature = "encode")]
 pub mod plan;
+mod profile;
 pub mod quantize;
 mod range;
 #[cfg(feature = "encode")]
@@ -81,5 +82,6 @@ pub mod sample;
 pub mod solve;
 pub mod table;
 pub mod tone;
+mod zeros;
 
 pub use error::{Error, Result};

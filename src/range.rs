@@ -120,7 +120,7 @@ impl Coder for Decoder<'_> {
 }
 
 #[cfg(feature = "encode")]
-pub(crate) use encoder::{Counter, Encoder};
+pub(crate) use encoder::{Costs, Counter, Encoder};
 
 #[cfg(feature = "encode")]
 mod encoder {
@@ -227,18 +227,18 @@ mod encoder {
             self.raw_bits += other.raw_bits;
         }
 
-        /// Probability of a one in each context, in 1/65536; one half where nothing was counted.
-        pub(crate) fn probabilities(&self) -> Vec<u16> {
-            let share = |[zeros, ones]: [u32; 2]| {
+        /// Probability of a one in each context; `None` where telling it would save fewer than `bits`.
+        pub(crate) fn probabilities(&self, bits: f64) -> Vec<Option<f64>> {
+            let probability = |&[zeros, ones]: &[u32; 2]| {
                 let total = f64::from(zeros) + f64::from(ones);
-                (65536.0 * (f64::from(ones) + 0.4) / (total + 0.8)).round().clamp(32.0, 65504.0) as u16
+                let saved = total - cost(zeros, total) - cost(ones, total);
+                (saved >= bits).then(|| (f64::from(ones) + 0.4) / (total + 0.8))
             };
-            self.counts.iter().map(|&c| share(c)).collect()
+            self.counts.iter().map(probability).collect()
         }
 
         /// Bits that the counted decisions cost at their average probabilities.
         pub(crate) fn bits(&self) -> f64 {
-            let cost = |n: u32, total: f64| if n == 0 { 0.0 } else { f64::from(n) * (total / f64::from(n)).log2() };
             let coded: f64 = self
                 .counts
                 .iter()
@@ -248,6 +248,47 @@ mod encoder {
                 })
                 .sum();
             coded + self.raw_bits as f64
+        }
+    }
+
+    /// Bits of a decision's outcome that came `n` times of `total`.
+    fn cost(n: u32, total: f64) -> f64 {
+        if n == 0 { 0.0 } else { f64::from(n) * (total / f64::from(n)).log2() }
+    }
+
+    /// Adds up what decisions cost at fixed probabilities.
+    #[derive(Clone)]
+    pub(crate) struct Costs {
+        /// Bits of a zero and of a one, by context.
+        bits: Vec<[f32; 2]>,
+        sum: f64,
+    }
+
+    impl Costs {
+        /// At the shares counted.
+        pub(crate) fn new(counter: &Counter) -> Costs {
+            let bits = |&[zeros, ones]: &[u32; 2]| {
+                let total = f64::from(zeros) + f64::from(ones) + 0.8;
+                [zeros, ones].map(|n| (total / (f64::from(n) + 0.4)).log2() as f32)
+            };
+            Costs { bits: counter.counts.iter().map(bits).collect(), sum: 0.0 }
+        }
+
+        /// The bits since the last call.
+        pub(crate) fn take_bits(&mut self) -> f64 {
+            std::mem::take(&mut self.sum)
+        }
+    }
+
+    impl Coder for Costs {
+        fn bit(&mut self, context: usize, bit: bool) -> bool {
+            self.sum += f64::from(self.bits[context][usize::from(bit)]);
+            bit
+        }
+
+        fn raw(&mut self, value: u32, bits: u32) -> u32 {
+            self.sum += f64::from(bits);
+            value
         }
     }
 

@@ -103,7 +103,20 @@ fn features() -> Result<Vec<(&'static str, Encoder, BrdfTable)>, Failure> {
     let by_block_encoder = Encoder::new().preset(Preset::Sparse).block_shape(&[6, 6, 8]).sampling_for(0.03).seed(9);
     let paper = Encoder::new().preset(Preset::Paper).block_shape(&[6, 6, 10]).sampling(ratio).seed(42);
     let coarse_encoder = Encoder::new().basis(Basis::Dft).block_shape(&[2, 2, 5, 3]).quality(60.0).eps(1e-300);
+    // A channel that is zero over a region, another at single entries, and a steep course near the horizon.
+    let glossy = Recipe { noise: 0.003, ..recipe("rough-metal")? }.synthesise(&small([30, 30, 60])?)?;
+    let n = glossy.grid().positions();
+    let mut values = glossy.values().to_vec();
+    for (i, value) in values.iter_mut().enumerate().filter(|(_, value)| **value > 0.0) {
+        let (h, d, p) = (i % n / 1800, i / 60 % 30, i % 60);
+        let region = i / n == 2 && h.abs_diff(12) + d.abs_diff(8) + p.abs_diff(20) / 3 < 9;
+        if region || (i / n == 0 && i % 997 == 0) {
+            *value = 0.0;
+        }
+    }
+    let zeros = BrdfTable::from_values(glossy.grid().clone(), values)?;
     Ok(vec![
+        ("dct-grazing-zeros", Encoder::new(), zeros),
         ("dct-opponent-mask", Encoder::new().block_shape(&[6, 5, 12]).metadata(metadata), masked),
         ("dft-sampled-horizon", paper, sampled),
         ("dct-tiled", Encoder::new().partition(tiles), tiled),

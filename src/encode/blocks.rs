@@ -2,7 +2,7 @@
 
 use super::recover::Solves;
 use crate::block::Block;
-use crate::quantize::quantize_mean;
+use crate::quantize::{Quantizer, quantize_mean};
 use crate::table::BrdfTable;
 use crate::tone::tone_map;
 
@@ -21,6 +21,38 @@ pub(super) struct Quantized {
     /// Of the file's sampling ratio.
     pub(super) doublings: u8,
     pub(super) cost: Solves,
+}
+
+impl Quantized {
+    /// All coefficients zero, no means.
+    pub(super) fn empty(shape: [usize; 4], components: usize) -> Quantized {
+        Quantized {
+            shape,
+            coefficients: vec![0; components * shape.iter().product::<usize>()],
+            means: vec![None; components],
+            shortfall: [(0.0, 0); 2],
+            squared_error: 0.0,
+            sampled: 0,
+            doublings: 0,
+            cost: Solves::default(),
+        }
+    }
+
+    /// Quantises the coefficients of a component. `None` if one is beyond what the format holds.
+    pub(super) fn quantize(&mut self, component: usize, step: f32, rounding: f64, values: &[f64]) -> Option<()> {
+        self.means[component] = Some(quantize_mean(step, values[0])?);
+        let coefficients = &mut self.coefficients[component * values.len()..(component + 1) * values.len()];
+        for (q, &value) in coefficients.iter_mut().zip(values).skip(1) {
+            *q = Quantizer::quantize(step, rounding, value)?;
+            self.squared_error += (value - f64::from(*q) * f64::from(step)).powi(2);
+            if *q != 0 {
+                let sum = &mut self.shortfall[usize::from(q.unsigned_abs() > 1)];
+                sum.0 += f64::from(q.unsigned_abs()) - value.abs() / f64::from(step);
+                sum.1 += 1;
+            }
+        }
+        Some(())
+    }
 }
 
 /// Log values and validity of a block, `[channel][position]`; zero where not valid.
@@ -73,16 +105,7 @@ mod tests {
 
     #[test]
     fn blocks_without_samples_take_the_mean_of_a_neighbour() {
-        let block = |n: usize, mean| Quantized {
-            shape: [1, 1, 1, n],
-            coefficients: Vec::new(),
-            means: vec![mean],
-            shortfall: [(0.0, 0); 2],
-            squared_error: 0.0,
-            sampled: 0,
-            doublings: 0,
-            cost: Solves::default(),
-        };
+        let block = |n: usize, mean| Quantized { means: vec![mean], ..Quantized::empty([1, 1, 1, n], 1) };
         let mut blocks = vec![block(4, None), block(16, Some(40)), block(4, None), block(4, Some(-2)), block(4, None)];
         fill_empty_means(&mut blocks, 1);
         let means: Vec<_> = blocks.iter().map(|b| b.means[0].unwrap()).collect();

@@ -1,5 +1,6 @@
 //! What the encoder settles before it begins: channel transform, partition, horizon.
 
+use super::dense::Dense;
 use super::{Blocks, Channels, Encoder, shape};
 use crate::block::Partition;
 use crate::channel::ChannelTransform;
@@ -23,6 +24,7 @@ impl Encoder {
         &self,
         table: &BrdfTable,
         transform: &ChannelTransform,
+        dense: Option<&Dense>,
         progress: &(dyn Fn(f64) + Sync),
     ) -> Result<(Partition, f64)> {
         let grid = table.grid().shape();
@@ -44,6 +46,10 @@ impl Encoder {
             }
         }
         const TRIALS: f64 = 0.5;
+        if let Some(dense) = dense {
+            let tiles = self.choose_tiles(dense, transform, table.grid(), &|done| progress(TRIALS * done))?;
+            return Ok((tiles, TRIALS));
+        }
         let candidates = shape::candidates(table.grid().axes().len());
         let mut partitions = candidates.iter().map(|s| uniform(grid, s)).collect::<Result<Vec<_>>>()?;
         partitions.retain(|partition| fits(partition).is_ok());

@@ -6,14 +6,19 @@ use rayon::prelude::*;
 
 use super::Encoder;
 use super::blocks::{Quantized, gather_log};
+use super::dense::{Dense, DenseBlock};
 use super::estimate::Estimate;
+use super::fill::Filler;
 use super::recover::{Recoverer, Recovery, Solves};
 use crate::block::{Block, Partition};
 use crate::channel::ChannelTransform;
 use crate::error::{Error, Result};
-use crate::quantize::{Quantizer, quantize_mean};
 use crate::sample::block_seed;
 use crate::table::BrdfTable;
+
+/// Steps of filling the holes of a block. Golden yellow, 9 x 9 x 60, step 0.1, kB / log rms: 30 steps 59.4 / .0077, 80 steps
+/// 55.8 / .0076; paper white 28.6 / .0049, 27.0 / .0048.
+const FILL_STEPS: usize = 80;
 
 impl Encoder {
     pub(super) fn recovery(&self, iterations: usize) -> Recovery {
@@ -64,10 +69,7 @@ impl Encoder {
             None => transform.forward(&mut log, channels),
         }
         let seed = block_seed(self.seed, number as u32);
-        let mut coefficients = vec![0; channels * n];
-        let mut means = vec![None; channels];
-        let mut shortfall = [(0.0, 0); 2];
-        let mut squared_error = 0.0;
+        let mut quantized = Quantized::empty(block.shape, channels);
         let mut sampled = estimate.map_or(0, |estimate| estimate.sampled[number]);
         let doublings = estimate.map_or(0, |estimate| estimate.doublings[number]);
         let mut cost = Solves::default();
@@ -89,18 +91,63 @@ impl Encoder {
                     samples > 0
                 }
             };
-            means[c] = if known { Some(quantize_mean(self.step, values[0])?) } else { None };
-            for (q, &value) in coefficients[c * n..(c + 1) * n].iter_mut().zip(values.iter()).skip(1) {
-                *q = Quantizer::quantize(self.step, self.rounding, value)?;
-                squared_error += (value - f64::from(*q) * f64::from(self.step)).powi(2);
-                if *q != 0 {
-                    let sum = &mut shortfall[usize::from(q.unsigned_abs() > 1)];
-                    sum.0 += f64::from(q.unsigned_abs()) - value.abs() / f64::from(self.step);
-                    sum.1 += 1;
-                }
+            if known {
+                quantized.quantize(c, self.step, self.rounding, values)?;
             }
         }
-        Some(Quantized { shape: block.shape, coefficients, means, shortfall, squared_error, sampled, doublings, cost })
+        Some(Quantized { sampled, doublings, cost, ..quantized })
+    }
+
+    /// Stages three to five of all blocks of a dense table, in parallel, in order.
+    pub(super) fn quantize_dense_blocks(
+        &self,
+        dense: &Dense,
+        transform: &ChannelTransform,
+        partition: &Partition,
+        progress: &(dyn Fn(f64) + Sync),
+    ) -> Result<Vec<Quantized>> {
+        let done = AtomicUsize::new(0);
+        let count = partition.block_count();
+        (0..count)
+            .into_par_iter()
+            .with_max_len(1)
+            .map_init(
+                || Filler::new(self.basis),
+                |filler, number| {
+                    let block = partition.block(number).expect("number is below the count");
+                    let quantized = self.quantize_dense(dense, transform, filler, &block, FILL_STEPS);
+                    progress((done.fetch_add(1, Ordering::Relaxed) + 1) as f64 / count as f64);
+                    quantized.ok_or_else(|| self.too_fine())
+                },
+            )
+            .collect()
+    }
+
+    /// A block of a dense table: channel transform, basis, quantiser; holes are filled in so many steps.
+    /// `None` if the step is too small for the format.
+    pub(super) fn quantize_dense(
+        &self,
+        dense: &Dense,
+        transform: &ChannelTransform,
+        filler: &mut Filler,
+        block: &Block,
+        fill_steps: usize,
+    ) -> Option<Quantized> {
+        let DenseBlock { mut log, known } = dense.block(block);
+        let n = block.positions();
+        let mut quantized = Quantized::empty(block.shape, log.len() / n);
+        let count = known.iter().filter(|k| **k).count();
+        if count == 0 {
+            return Some(quantized);
+        }
+        let steps = filler.analyze(block.shape, transform, &mut log, &known, self.step.into(), fill_steps);
+        quantized.cost = Solves { solves: usize::from(steps > 0), iterations: steps, missed: 0 };
+        for (c, values) in log.chunks_exact(n).enumerate() {
+            quantized.quantize(c, self.step, self.rounding, values)?;
+        }
+        // Errors in holes do not count.
+        quantized.squared_error *= count as f64 / known.len() as f64;
+        Some(quantized)
     }
 
     pub(super) fn too_fine(&self) -> Error {

@@ -53,8 +53,8 @@ pub struct Step {
 }
 
 impl Encoder {
-    /// Follows the solves of one block, of one component of its values after the other; none where every entry of
-    /// the block is a sample, nor with a trend, which leaves windows to solve in place of blocks. `block` is the number of the block in the partition of an encode.
+    /// Follows the solves of one block, of one component of its values after the other; none where every valid
+    /// entry is a sample, nor with a trend, which leaves windows to solve in place of blocks. `block` is the number of the block in the partition of an encode.
     ///
     /// # Errors
     /// As [`Encoder::encode`]; `InvalidArgument` if there is no such block or a limit is out of range.
@@ -64,12 +64,13 @@ impl Encoder {
             return Err(Error::InvalidArgument(format!("gap is {}, must be above 0", limits.gap)));
         }
         let transform = self.choose_transform(table);
-        let (partition, _) = self.choose_partition(table, &transform, &|_| {})?;
+        let dense = self.dense(table, &transform);
+        let (partition, _) = self.choose_partition(table, &transform, dense.as_ref(), &|_| {})?;
         let Some(place) = partition.block(block) else {
             let count = partition.block_count();
             return Err(Error::InvalidArgument(format!("no block {block}, there are {count}")));
         };
-        if self.trend {
+        if self.trend || dense.is_some() {
             return Ok(Vec::new());
         }
         let mut recoverer = Recoverer::new(self.recovery(self.iterations));

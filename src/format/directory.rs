@@ -16,6 +16,7 @@ pub(crate) const GRID: &str = "GRID";
 pub(crate) const CODING: &str = "CODE";
 pub(crate) const PARTITION: &str = "PART";
 pub(crate) const PROBABILITIES: &str = "PROB";
+pub(crate) const PROFILE: &str = "GRAZ";
 pub(crate) const INDEX: &str = "INDX";
 pub(crate) const METADATA: &str = "META";
 pub(crate) const RECORDS: &str = "RECS";
@@ -132,7 +133,7 @@ impl Directory {
 
     /// Every known section at most once; unknown ones only if they may be skipped.
     fn check_names(&self) -> Result<()> {
-        let known = [GRID, CODING, PARTITION, PROBABILITIES, INDEX, METADATA, RECORDS];
+        let known = [GRID, CODING, PARTITION, PROBABILITIES, PROFILE, INDEX, METADATA, RECORDS];
         for (i, section) in self.sections.iter().enumerate() {
             let at = (PREAMBLE + i * ENTRY) as u64;
             if !known.iter().any(|name| name.as_bytes() == section.id) {
@@ -258,7 +259,7 @@ mod tests {
     #[test]
     fn bytes_are_those_of_the_specification() {
         let hex: String = write_file(&[(GRID, false, vec![1, 2, 3])]).iter().map(|b| format!("{b:02x}")).collect();
-        let preamble = "8b4353420d0a1a0a01000000020001003f0000000000000000000000aaa73da3";
+        let preamble = "8b4353420d0a1a0a01000000030001003f00000000000000000000003f734d36";
         let table = "475249440000000003000000000000001d80bc55";
         assert_eq!(hex, [preamble, table, "010203", "4353425244462e0a"].concat());
     }

@@ -4,6 +4,7 @@ use crate::bits::ByteReader;
 use crate::block::Partition;
 use crate::channel::{ChannelTransform, MAX_MATRIX_CHANNELS};
 use crate::error::{Error, Result};
+use crate::exact::exp64;
 use crate::format::{EPS_RANGE, MAX_CHANNELS, STEP_RANGE, check_block};
 use crate::fourier::Basis;
 use crate::grid::{Axis, AxisName, Channel, Grid, Mapping};
@@ -28,6 +29,8 @@ pub struct Coding {
     pub shrink: [i8; 2],
     /// Elevation (cosine) from which bins are predicted valid; `None`: all are.
     pub horizon: Option<f64>,
+    /// Whether records tell which measured entries are exactly zero.
+    pub zeros: bool,
 }
 
 /// Tone maps: 1 is ln(f + eps).
@@ -94,7 +97,8 @@ pub(crate) fn read_grid(mut r: ByteReader) -> Result<Grid> {
     Ok(grid)
 }
 
-pub(crate) fn read_coding(mut r: ByteReader, channels: usize) -> Result<Coding> {
+/// `compact`: of a draft that has exact zeros.
+pub(crate) fn read_coding(mut r: ByteReader, channels: usize, compact: bool) -> Result<Coding> {
     // Basis: 0 DCT-II, 1 DFT.
     let basis = r.u8()?;
     let basis = one_of(&r, "basis", &[Basis::Dct, Basis::Dft], basis)?;
@@ -114,9 +118,12 @@ pub(crate) fn read_coding(mut r: ByteReader, channels: usize) -> Result<Coding> 
     let shrink = [r.u8()? as i8, r.u8()? as i8];
     // Horizon: 0 none, 1 threshold follows at its place.
     let has_horizon = r.u8()?;
-    // Reserved.
-    let reserved = r.u8()?;
-    zero(&r, reserved.into())?;
+    // Exact zeros: 0 none, 1 told by the records; reserved before draft 3.
+    let zeros = match r.u8()? {
+        0 => false,
+        1 if compact => true,
+        other => return Err(r.corrupt(format!("the code {other} for exact zeros is reserved"))),
+    };
     // Constant of the tone map.
     let eps = r.f64()?;
     if !EPS_RANGE.contains(&eps) {
@@ -162,7 +169,7 @@ pub(crate) fn read_coding(mut r: ByteReader, channels: usize) -> Result<Coding> 
         other => return Err(r.corrupt(format!("channel transform {other} of {channels} channels is reserved"))),
     };
     r.finish()?;
-    Ok(Coding { basis, eps, sampling, seed, transform, steps, shrink, horizon })
+    Ok(Coding { basis, eps, sampling, seed, transform, steps, shrink, horizon, zeros })
 }
 
 pub(crate) fn read_partition(mut r: ByteReader, grid: &Grid) -> Result<Partition> {
@@ -193,7 +200,15 @@ pub(crate) fn read_partition(mut r: ByteReader, grid: &Grid) -> Result<Partition
     Ok(partition)
 }
 
-pub(crate) fn read_probabilities(mut r: ByteReader, contexts: usize) -> Result<Vec<u16>> {
+/// Codes of probabilities of a one: 32768 * 2^(-c / 12) in 1/65536 for c below 128, and the rest to 1 for c - 128.
+pub(crate) fn decode_probability(code: u8) -> u16 {
+    const TWELFTH: f64 = std::f64::consts::LN_2 / 12.0;
+    let small = (32768.0 * exp64(-f64::from(code & 127) * TWELFTH) + 0.5) as u16;
+    if code < 128 { small } else { (65536 - u32::from(small)) as u16 }
+}
+
+/// `compact`: of a draft that has codes of probabilities.
+pub(crate) fn read_probabilities(mut r: ByteReader, contexts: usize, compact: bool) -> Result<Vec<u16>> {
     // Number of contexts, fixed by the entropy coder.
     let count = usize::from(r.u16()?);
     if count != contexts {
@@ -203,12 +218,13 @@ pub(crate) fn read_probabilities(mut r: ByteReader, contexts: usize) -> Result<V
     let used = r.bytes(contexts.div_ceil(8))?;
     let mut probabilities = vec![1 << 15; contexts];
     for (i, probability) in probabilities.iter_mut().enumerate() {
-        if used[i / 8] >> (i % 8) & 1 == 1 {
-            // Probability of a one in 1/65536, 1 and up.
-            *probability = r.u16()?;
-            if *probability == 0 {
-                return Err(r.corrupt(format!("probability of context {i} is zero")));
-            }
+        if used[i / 8] >> (i % 8) & 1 == 0 {
+            continue;
+        }
+        // Code of the probability of a one; before draft 3 the probability in 1/65536, 1 and up.
+        *probability = if compact { decode_probability(r.u8()?) } else { r.u16()? };
+        if *probability == 0 {
+            return Err(r.corrupt(format!("probability of context {i} is zero")));
         }
     }
     if !contexts.is_multiple_of(8) && used[contexts / 8] >> (contexts % 8) != 0 {
@@ -256,7 +272,7 @@ mod write {
         w.u8(coding.shrink[0] as u8);
         w.u8(coding.shrink[1] as u8);
         w.u8(u8::from(coding.horizon.is_some()));
-        w.u8(0);
+        w.u8(u8::from(coding.zeros));
         w.f64(coding.eps);
         w.f64(coding.horizon.unwrap_or(0.0));
         w.u64(coding.seed);
@@ -281,15 +297,22 @@ mod write {
         w.0
     }
 
-    pub(crate) fn write_probabilities(probabilities: &[u16]) -> Vec<u8> {
+    /// Code of a probability, the nearest on a logarithmic scale.
+    pub(crate) fn encode_probability(probability: f64) -> u8 {
+        let code = |p: f64| (-12.0 * (2.0 * p).log2()).round().clamp(0.0, 127.0) as u8;
+        if probability <= 0.5 { code(probability) } else { 128 + code(1.0 - probability) }
+    }
+
+    /// The section from a code for each context that has one.
+    pub(crate) fn write_probabilities(codes: &[Option<u8>]) -> Vec<u8> {
         let mut w = ByteWriter::default();
-        w.u16(probabilities.len() as u16);
-        let mut used = vec![0u8; probabilities.len().div_ceil(8)];
-        for (i, &p) in probabilities.iter().enumerate() {
-            used[i / 8] |= u8::from(p != 1 << 15) << (i % 8);
+        w.u16(codes.len() as u16);
+        let mut used = vec![0u8; codes.len().div_ceil(8)];
+        for (i, code) in codes.iter().enumerate() {
+            used[i / 8] |= u8::from(code.is_some()) << (i % 8);
         }
         w.bytes(&used);
-        probabilities.iter().filter(|&&p| p != 1 << 15).for_each(|&p| w.u16(p));
+        codes.iter().flatten().for_each(|&code| w.u8(code));
         w.0
     }
 }
@@ -341,18 +364,20 @@ mod tests {
             steps: vec![0.1, 0.2, 0.3],
             shrink: [20, -3],
             horizon: Some(-0.061),
+            zeros: true,
         };
         let bytes = write_coding(&coding);
-        assert_eq!(read_coding(reader(&bytes), 3).unwrap(), coding);
-        for (at, value) in [(0, 2), (1, 0), (2, 0), (3, 2), (6, 2), (7, 1)] {
+        assert_eq!(read_coding(reader(&bytes), 3, true).unwrap(), coding);
+        assert!(read_coding(reader(&bytes), 3, false).is_err());
+        for (at, value) in [(0, 2), (1, 0), (2, 0), (3, 2), (6, 2), (7, 2)] {
             let mut bad = bytes.clone();
             bad[at] = value;
-            assert!(read_coding(reader(&bad), 3).is_err(), "byte {at} = {value}");
+            assert!(read_coding(reader(&bad), 3, true).is_err(), "byte {at} = {value}");
         }
         let nan = Coding { eps: f64::NAN, ..coding.clone() };
-        assert!(read_coding(reader(&write_coding(&nan)), 3).is_err());
+        assert!(read_coding(reader(&write_coding(&nan)), 3, true).is_err());
         let zero = Coding { steps: vec![0.1, 0.0, 0.1], ..coding };
-        assert!(read_coding(reader(&write_coding(&zero)), 3).is_err());
+        assert!(read_coding(reader(&write_coding(&zero)), 3, true).is_err());
     }
 
     #[test]
@@ -366,9 +391,27 @@ mod tests {
                 assert!(read_partition(reader(&bytes[..cut]), &grid).is_err());
             }
         }
-        let probabilities: Vec<u16> = (0..77).map(|i| if i % 3 == 0 { 1 << 15 } else { 1 + i * 500 }).collect();
-        let bytes = write_probabilities(&probabilities);
-        assert_eq!(read_probabilities(reader(&bytes), 77).unwrap(), probabilities);
-        assert!(read_probabilities(reader(&bytes), 78).is_err());
+        let codes: Vec<Option<u8>> = (0..77).map(|i| (i % 3 > 0).then_some(i * 3)).collect();
+        let bytes = write_probabilities(&codes);
+        let probabilities: Vec<u16> = codes.iter().map(|code| code.map_or(1 << 15, decode_probability)).collect();
+        assert_eq!(read_probabilities(reader(&bytes), 77, true).unwrap(), probabilities);
+        assert!(read_probabilities(reader(&bytes), 78, true).is_err());
+    }
+
+    /// Codes of spec section 3.5; the values were computed with Python's `round(32768 * 2 ** (-c / 12))`.
+    #[test]
+    fn probabilities_have_codes() {
+        let expected =
+            [(0, 32768), (1, 30929), (12, 16384), (100, 102), (127, 21), (128, 32768), (129, 34607), (255, 65515)];
+        for (code, probability) in expected {
+            assert_eq!(decode_probability(code), probability, "{code}");
+        }
+        for code in 1..=255u8 {
+            let back = encode_probability(f64::from(decode_probability(code)) / 65536.0);
+            assert!(decode_probability(back).abs_diff(decode_probability(code)) <= 1, "{code} {back}");
+        }
+        // Drafts 1 and 2.
+        assert_eq!(read_probabilities(reader(&[3, 0, 5, 7, 0, 1, 2]), 3, false).unwrap(), [7, 1 << 15, 513]);
+        assert!(read_probabilities(reader(&[1, 0, 1, 0, 0]), 1, false).is_err());
     }
 }

@@ -1,0 +1,226 @@
+//! Choice of the block shape of each tile (encoder only).
+//!
+//! No shape is best everywhere: blocks long in phi_d and wide win where a table is smooth, small ones at its edges.
+//! Measured at step 0.1, bytes to log rms .01 by the slope of the curve (kB), one shape 9 x 9 x 60 -> tiles of 18 x 18 x 60 ->
+//! of 18 x 18 x 180: alum-bronze 29 -> 26 -> 20; chrome-steel 34 -> 31 -> 24; RGL golden yellow 52 -> 48 -> 48; paper
+//! white 14 -> 13 -> 13.5. So both tilings are tried.
+
+use rayon::prelude::*;
+
+use super::Encoder;
+use super::dense::Dense;
+use super::fill::Filler;
+use crate::block::{Block, Partition};
+use crate::channel::ChannelTransform;
+use crate::entropy::{CONTEXTS, Walk};
+use crate::error::{Error, Result};
+use crate::format::check_block;
+use crate::range::{Costs, Counter};
+
+/// Steps of the filling in a trial: enough to rank shapes.
+const STEPS: usize = 8;
+
+/// Bytes that each block costs in index and record besides its coefficients.
+const OVERHEAD: f64 = 10.5;
+
+/// Squared error that a bit buys, in squared steps: what changing the rounding does (alum-bronze, golden yellow).
+const EXCHANGE: f64 = 0.07;
+
+/// Wide tiles with shapes of their own, and narrow ones that divide them; by number of axes, slowest axis first. The first
+/// narrow shape trains the cost of the others.
+struct Tilings {
+    wide: &'static [usize],
+    wide_shapes: &'static [&'static [usize]],
+    narrow: &'static [usize],
+    narrow_shapes: &'static [&'static [usize]],
+}
+
+fn tilings(axes: usize) -> Tilings {
+    match axes {
+        1 => Tilings { wide: &[180], wide_shapes: &[&[180]], narrow: &[60], narrow_shapes: &[&[36], &[60], &[12]] },
+        2 => Tilings {
+            wide: &[18, 180],
+            wide_shapes: &[&[18, 180], &[9, 180]],
+            narrow: &[18, 60],
+            narrow_shapes: &[&[9, 60], &[18, 60], &[9, 20]],
+        },
+        3 => Tilings {
+            wide: &[18, 18, 180],
+            wide_shapes: &[&[18, 18, 180], &[9, 18, 180], &[18, 9, 180], &[9, 9, 180]],
+            narrow: &[18, 18, 60],
+            narrow_shapes: &[
+                &[9, 9, 60],
+                &[18, 18, 60],
+                &[9, 18, 60],
+                &[18, 9, 60],
+                &[6, 9, 60],
+                &[9, 9, 30],
+                &[9, 9, 20],
+                &[6, 6, 20],
+            ],
+        },
+        _ => Tilings {
+            wide: &[10, 12, 12, 36],
+            wide_shapes: &[&[10, 6, 12, 36], &[5, 6, 12, 36]],
+            narrow: &[10, 12, 12, 18],
+            narrow_shapes: &[&[5, 6, 6, 18], &[5, 6, 12, 18], &[5, 6, 6, 9]],
+        },
+    }
+}
+
+/// Padded in front with ones and clipped.
+fn clipped(shape: &[usize], within: [usize; 4]) -> [usize; 4] {
+    let padding = 4 - shape.len();
+    std::array::from_fn(|a| if a < padding { 1 } else { shape[a - padding].min(within[a]) })
+}
+
+/// The blocks of a box, in the order of the format.
+fn cut(place: &Block, shape: [usize; 4]) -> Vec<Block> {
+    let counts: [usize; 4] = std::array::from_fn(|a| place.shape[a].div_ceil(shape[a]));
+    crate::block::positions(counts)
+        .map(|at| Block {
+            origin: std::array::from_fn(|a| place.origin[a] + at[a] * shape[a]),
+            shape: std::array::from_fn(|a| shape[a].min(place.shape[a] - at[a] * shape[a])),
+        })
+        .collect()
+}
+
+impl Encoder {
+    /// The cheapest partition of a table: bits and squared error at the exchange rate of the quantiser.
+    pub(super) fn choose_tiles(
+        &self,
+        dense: &Dense,
+        transform: &ChannelTransform,
+        grid: &crate::grid::Grid,
+        progress: &(dyn Fn(f64) + Sync),
+    ) -> Result<Partition> {
+        let channels = grid.channels().len();
+        let Tilings { wide, wide_shapes, narrow, narrow_shapes } = tilings(grid.axes().len());
+        let (wide, narrow) = (clipped(wide, grid.shape()), clipped(narrow, grid.shape()));
+        let usable = |shapes: &[&[usize]], tile: [usize; 4]| {
+            let mut all: Vec<[usize; 4]> = Vec::new();
+            for shape in shapes.iter().map(|shape| clipped(shape, tile)) {
+                if check_block(shape, channels).is_ok() && !all.contains(&shape) {
+                    all.push(shape);
+                }
+            }
+            all
+        };
+        let narrow_shapes = usable(narrow_shapes, narrow);
+        let mut wide_shapes = usable(wide_shapes, wide);
+        wide_shapes.retain(|shape| !narrow_shapes.contains(shape));
+        let whole = Block { origin: [0; 4], shape: grid.shape() };
+        let Some(&first) = narrow_shapes.first() else {
+            return Err(Error::InvalidArgument(format!(
+                "with {channels} channels no usual block shape is within the format's limits; give a smaller one"
+            )));
+        };
+        let costs = self.train(dense, transform, &cut(&whole, first))?;
+        progress(0.1);
+        let (wide_tiles, narrow_tiles) = (cut(&whole, wide), cut(&whole, narrow));
+        // Costs [tile][shape].
+        let price = |tiles: &[Block], shapes: &[[usize; 4]]| -> Result<Vec<Vec<f64>>> {
+            let pairs: Vec<(usize, usize)> =
+                (0..tiles.len()).flat_map(|t| (0..shapes.len()).map(move |s| (t, s))).collect();
+            let prices: Vec<f64> = pairs
+                .into_par_iter()
+                .with_max_len(1)
+                .map_init(
+                    || (Filler::new(self.basis), Walk::default(), costs.clone()),
+                    |(filler, walk, costs), (t, s)| {
+                        self.price(dense, transform, filler, walk, costs, &cut(&tiles[t], shapes[s]))
+                    },
+                )
+                .collect::<Result<_>>()?;
+            Ok(prices.chunks_exact(shapes.len().max(1)).map(<[f64]>::to_vec).collect())
+        };
+        let narrow_prices = price(&narrow_tiles, &narrow_shapes)?;
+        progress(0.6);
+        let wide_prices = price(&wide_tiles, &wide_shapes)?;
+        progress(1.0);
+        let cheapest = |prices: &[f64]| {
+            let best = (0..prices.len()).min_by(|&a, &b| prices[a].total_cmp(&prices[b])).unwrap_or(0);
+            (best, prices[best])
+        };
+        let narrow_choice: Vec<(usize, f64)> = narrow_prices.iter().map(|prices| cheapest(prices)).collect();
+        // A wide tile may also be cut by a shape of the narrow ones that it holds.
+        let wide_choice: Vec<(usize, f64)> = wide_tiles
+            .iter()
+            .enumerate()
+            .map(|(t, tile)| {
+                let mut prices = wide_prices.get(t).cloned().unwrap_or_default();
+                let inside =
+                    |b: &Block| (0..4).all(|a| (tile.origin[a]..tile.origin[a] + tile.shape[a]).contains(&b.origin[a]));
+                let held: Vec<usize> = (0..narrow_tiles.len()).filter(|&i| inside(&narrow_tiles[i])).collect();
+                prices.extend((0..narrow_shapes.len()).map(|s| held.iter().map(|&i| narrow_prices[i][s]).sum::<f64>()));
+                cheapest(&prices)
+            })
+            .collect();
+        let total = |choice: &[(usize, f64)]| choice.iter().map(|c| c.1).sum::<f64>();
+        if total(&wide_choice) < total(&narrow_choice) {
+            let shapes = [wide_shapes, narrow_shapes].concat();
+            tiled(grid.shape(), wide, &shapes, &wide_choice)
+        } else {
+            tiled(grid.shape(), narrow, &narrow_shapes, &narrow_choice)
+        }
+    }
+
+    /// What decisions cost, counted on blocks.
+    fn train(&self, dense: &Dense, transform: &ChannelTransform, blocks: &[Block]) -> Result<Costs> {
+        let counter = blocks
+            .par_iter()
+            .fold(
+                || Ok((Counter::new(CONTEXTS), Filler::new(self.basis), Walk::default())),
+                |state: Result<_>, block| {
+                    let (mut counter, mut filler, mut walk) = state?;
+                    let mut quantized = self
+                        .quantize_dense(dense, transform, &mut filler, block, STEPS)
+                        .ok_or_else(|| self.too_fine())?;
+                    let coded = walk.code(&mut counter, block.shape, &mut quantized.coefficients, &mut Vec::new());
+                    debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
+                    Ok((counter, filler, walk))
+                },
+            )
+            .map(|state| state.map(|(counter, _, _)| counter))
+            .try_reduce(
+                || Counter::new(CONTEXTS),
+                |mut a, b| {
+                    a.add(&b);
+                    Ok(a)
+                },
+            )?;
+        Ok(Costs::new(&counter))
+    }
+
+    /// Bits of blocks, with their squared error at the exchange rate.
+    fn price(
+        &self,
+        dense: &Dense,
+        transform: &ChannelTransform,
+        filler: &mut Filler,
+        walk: &mut Walk,
+        costs: &mut Costs,
+        blocks: &[Block],
+    ) -> Result<f64> {
+        let mut price = 0.0;
+        for block in blocks {
+            let mut quantized =
+                self.quantize_dense(dense, transform, filler, block, STEPS).ok_or_else(|| self.too_fine())?;
+            let coded = walk.code(costs, block.shape, &mut quantized.coefficients, &mut Vec::new());
+            debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
+            let step = f64::from(self.step);
+            price += costs.take_bits() + 8.0 * OVERHEAD + quantized.squared_error / (EXCHANGE * step * step);
+        }
+        Ok(price)
+    }
+}
+
+/// The partition with the shapes that some tile has.
+fn tiled(grid: [usize; 4], tile: [usize; 4], shapes: &[[usize; 4]], choice: &[(usize, f64)]) -> Result<Partition> {
+    let mut used: Vec<usize> = choice.iter().map(|c| c.0).collect();
+    used.sort_unstable();
+    used.dedup();
+    let number = |shape: usize| used.iter().position(|&u| u == shape).expect("among those used") as u8;
+    let choice = choice.iter().map(|c| number(c.0)).collect();
+    Partition::tiled(grid, tile, used.iter().map(|&u| shapes[u]).collect(), choice)
+}

@@ -1,0 +1,123 @@
+//! The section GRAZ (spec section 3.9): the coded tables of the grazing profile.
+
+use crate::bits::ByteReader;
+use crate::entropy::{self, MAX_MAGNITUDE, Walk};
+use crate::error::Result;
+use crate::format::{MAX_BLOCK_AXIS, STEP_RANGE, check_block};
+use crate::fourier::{Basis, Synthesis};
+use crate::grid::Grid;
+use crate::profile::{Profile, bins};
+use crate::quantize::dequantize_mean;
+use crate::range::Decoder;
+
+/// Tables of a profile: over theta_h even and odd, over theta_d even and odd.
+pub(crate) const TABLES: usize = 4;
+/// Most knots of a table along the elevation.
+pub(crate) const MAX_KNOTS: usize = 64;
+
+/// A profile as it is in the file.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct CodedProfile {
+    pub(crate) knots: usize,
+    pub(crate) zone: f32,
+    pub(crate) step: f32,
+    /// Coefficients at index 0, `[table][component]`.
+    pub(crate) first: Vec<i32>,
+    /// Output of the range coder.
+    pub(crate) coded: Vec<u8>,
+    /// Offset of the section within the file.
+    pub(crate) offset: u64,
+}
+
+pub(crate) fn read_profile(mut r: ByteReader, grid: &Grid) -> Result<CodedProfile> {
+    let offset = r.offset();
+    let channels = grid.channels().len();
+    let Some(bins) = bins(grid) else {
+        return Err(r.corrupt("a profile needs the axes theta_h, theta_d, phi_d in this order"));
+    };
+    // Number of knots.
+    let knots = usize::from(r.u8()?);
+    if !(2..=MAX_KNOTS).contains(&knots) {
+        return Err(r.corrupt(format!("{knots} knots, allowed are 2 to {MAX_KNOTS}")));
+    }
+    for n in bins {
+        if n > MAX_BLOCK_AXIS {
+            return Err(r.corrupt(format!("a profile over {n} bins, at most {MAX_BLOCK_AXIS} are allowed")));
+        }
+        check_block([1, 1, n, knots], channels).map_err(|what| r.corrupt(what))?;
+    }
+    // Reserved.
+    let reserved = r.bytes(3)?;
+    if reserved != [0; 3] {
+        return Err(r.corrupt("a reserved field is not 0"));
+    }
+    // Elevation, a cosine, from which the profile is zero.
+    let zone = r.f32()?;
+    if !(1e-6..=1.0).contains(&zone) {
+        return Err(r.corrupt(format!("the profile's zone is {zone}, must be within 1e-6 to 1")));
+    }
+    // Quantiser step of all tables.
+    let step = r.f32()?;
+    if !STEP_RANGE.contains(&step) {
+        return Err(r.corrupt(format!("quantiser step is {step}, must be within {STEP_RANGE:?}")));
+    }
+    // Coefficients at index 0, table after table, component fastest.
+    let mut first = Vec::with_capacity(TABLES * channels);
+    for _ in 0..TABLES * channels {
+        let q = r.u32()? as i32;
+        if q.unsigned_abs() > MAX_MAGNITUDE {
+            return Err(r.corrupt(format!("mean {q} is beyond {MAX_MAGNITUDE}")));
+        }
+        first.push(q);
+    }
+    // The other coefficients, to the end of the section.
+    Ok(CodedProfile { knots, zone, step, first, coded: r.rest().to_vec(), offset })
+}
+
+impl CodedProfile {
+    /// Rebuilds the tables.
+    pub(crate) fn decode(&self, grid: &Grid) -> Result<Profile, &'static str> {
+        let bins = bins(grid).ok_or("a profile needs the axes theta_h, theta_d, phi_d in this order")?;
+        let channels = grid.channels().len();
+        let mut decoder = Decoder::new(&vec![1 << 15; entropy::CONTEXTS], &self.coded);
+        let synthesis = Synthesis::new(Basis::Dct, &[1, bins[0], bins[1], self.knots]);
+        let (mut walk, mut extents, mut lines) = (Walk::default(), Vec::new(), Vec::new());
+        let mut tables: [Vec<f32>; TABLES] = Default::default();
+        for (t, table) in tables.iter_mut().enumerate() {
+            let shape = [1, 1, bins[t / 2], self.knots];
+            let n = shape[2] * shape[3];
+            let mut coefficients = vec![0; channels * n];
+            walk.code(&mut decoder, shape, &mut coefficients, &mut extents)
+                .map_err(|_| "an extent or a coefficient is out of range")?;
+            *table = coefficients.iter().map(|&q| dequantize_mean(self.step, q)).collect();
+            for (c, values) in table.chunks_exact_mut(n).enumerate() {
+                values[0] = dequantize_mean(self.step, self.first[t * channels + c]);
+                synthesis.synthesize(shape, extents[c].map(|e| e.max(1)), values, &mut lines);
+            }
+        }
+        if decoder.unread() > 0 {
+            return Err("bytes are left over after the last coefficient");
+        }
+        Profile::new(grid, self.knots, self.zone, tables).ok_or("the grid has no profile")
+    }
+}
+
+#[cfg(feature = "encode")]
+pub(crate) use write::write_profile;
+
+#[cfg(feature = "encode")]
+mod write {
+    use super::CodedProfile;
+    use crate::bits::ByteWriter;
+
+    pub(crate) fn write_profile(profile: &CodedProfile) -> Vec<u8> {
+        let mut w = ByteWriter::default();
+        w.u8(profile.knots as u8);
+        w.bytes(&[0; 3]);
+        w.f32(profile.zone);
+        w.f32(profile.step);
+        profile.first.iter().for_each(|&q| w.u32(q as u32));
+        w.bytes(&profile.coded);
+        w.0
+    }
+}
