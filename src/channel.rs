@@ -24,6 +24,9 @@ impl ChannelTransform {
     pub fn forward(&self, planes: &mut [f64], channels: usize) {
         let ChannelTransform::Matrix(matrix) = self else { return };
         let n = planes.len() / channels;
+        if channels == 3 {
+            return mix_three(planes, |t, c| f64::from(matrix[3 * t + c]));
+        }
         let mut values = vec![0.0; channels];
         for i in 0..n {
             for (c, value) in values.iter_mut().enumerate() {
@@ -40,6 +43,9 @@ impl ChannelTransform {
     pub(crate) fn inverse_f64(&self, planes: &mut [f64], channels: usize) {
         let ChannelTransform::Matrix(matrix) = self else { return };
         let n = planes.len() / channels;
+        if channels == 3 {
+            return mix_three(planes, |t, c| f64::from(matrix[3 * c + t]));
+        }
         let mut components = vec![0.0; channels];
         for i in 0..n {
             for (t, component) in components.iter_mut().enumerate() {
@@ -79,6 +85,19 @@ impl ChannelTransform {
                 planes[c * n + i] = sum;
             }
         }
+    }
+}
+
+/// Three planes, each replaced by the sum over all of them times `entry(new, old)`; laid out so that it vectorises.
+#[cfg(feature = "encode")]
+fn mix_three(planes: &mut [f64], entry: impl Fn(usize, usize) -> f64) {
+    let (first, rest) = planes.split_at_mut(planes.len() / 3);
+    let (second, third) = rest.split_at_mut(first.len());
+    let m: [[f64; 3]; 3] = std::array::from_fn(|new| std::array::from_fn(|old| entry(new, old)));
+    for ((a, b), c) in first.iter_mut().zip(second).zip(third) {
+        let x = [*a, *b, *c];
+        let sum = |row: &[f64; 3]| x[0] * row[0] + x[1] * row[1] + x[2] * row[2];
+        (*a, *b, *c) = (sum(&m[0]), sum(&m[1]), sum(&m[2]));
     }
 }
 

@@ -87,7 +87,7 @@ impl Filler {
         }
         let last = LAST_THRESHOLD * step;
         let largest = log.chunks_exact(n).flat_map(|c| c.iter().zip(weights.iter()).skip(1)).map(|(c, w)| c.abs() / w);
-        let first = (largest.fold(0.0, f64::max) / 2.0).max(last);
+        let first = (largest.fold(0.0, f64::max) / 8.0).max(last);
         before.clear();
         before.extend_from_slice(log);
         components.clear();

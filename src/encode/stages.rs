@@ -18,7 +18,7 @@ use crate::table::BrdfTable;
 
 /// Steps of filling the holes of a block. Golden yellow, 9 x 9 x 60, step 0.1, kB / log rms: 30 steps 59.4 / .0077, 80 steps
 /// 55.8 / .0076; paper white 28.6 / .0049, 27.0 / .0048.
-const FILL_STEPS: usize = 80;
+const FILL_STEPS: usize = 40;
 
 impl Encoder {
     pub(super) fn recovery(&self, iterations: usize) -> Recovery {

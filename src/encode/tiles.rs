@@ -18,7 +18,7 @@ use crate::format::check_block;
 use crate::range::{Costs, Counter};
 
 /// Steps of the filling in a trial: enough to rank shapes.
-const STEPS: usize = 8;
+const STEPS: usize = 4;
 
 /// Bytes that each block costs in index and record besides its coefficients.
 const OVERHEAD: f64 = 10.5;
