@@ -3,6 +3,7 @@
 use std::sync::OnceLock;
 
 use crate::block::{Block, Partition, positions};
+use crate::correct::{self, Decoded, correct};
 use crate::entropy::{self, Walk};
 use crate::error::{Error, Result};
 use crate::format::directory::{self, Directory};
@@ -11,7 +12,7 @@ use crate::format::index::Index;
 #[cfg(feature = "metadata")]
 use crate::format::metadata::Metadata;
 use crate::format::record::{Record, ValidityClass};
-use crate::format::{Limits, MAX_BLOCK_VALUES, may_double};
+use crate::format::{Limits, MAX_BLOCK_VALUES, may_correct, may_double};
 use crate::fourier::{Extents, Synthesis};
 use crate::grid::Grid;
 use crate::horizon::Horizon;
@@ -22,8 +23,11 @@ use crate::sample::{MAX_DOUBLINGS, Sampling, block_seed, sample_positions};
 use crate::table::BrdfTable;
 use crate::tone::{inverse_tone_map, inverse_tone_map_f64};
 
-/// Number of contexts of the range coder: coefficients, then masks.
-pub(crate) const CONTEXTS: usize = entropy::CONTEXTS + mask::CONTEXTS;
+/// Contexts of the range coder: coefficients, then masks, then corrections.
+const MASKS: usize = entropy::CONTEXTS;
+pub(crate) const CORRECTIONS: usize = MASKS + mask::CONTEXTS;
+/// Number of contexts; drafts without corrections have those before.
+pub(crate) const CONTEXTS: usize = CORRECTIONS + correct::CONTEXTS;
 
 /// An open file over bytes in memory or in a map. Shared freely between threads; decoding takes `&self`.
 pub struct Reader<D> {
@@ -55,6 +59,8 @@ pub struct Scratch {
     /// Log values, `[channel][position]`.
     pub(crate) log: Vec<f32>,
     lines: Vec<f32>,
+    corrections: Vec<i32>,
+    correct: correct::Walk,
 }
 
 /// Where an entry of a decoded table comes from.
@@ -108,26 +114,27 @@ impl Header {
     }
 
     /// Decodes a record's masks and coefficients into the scratch. Masks: `[channel][position]` or one for all.
-    fn decode_record(&self, block: &Block, record: &Record, scratch: &mut Scratch) -> Result<(), &'static str> {
+    fn decode_record(
+        &self,
+        block: &Block,
+        class: ValidityClass,
+        decoder: &mut Decoder,
+        scratch: &mut Scratch,
+    ) -> Result<(), &'static str> {
         let n = block.positions();
         let channels = self.grid.channels().len();
-        let mut decoder = Decoder::new(&self.probabilities, record.coded);
-        self.decode_masks(block, record.class, &mut decoder, &mut scratch.masks);
+        self.decode_masks(block, class, decoder, &mut scratch.masks);
         scratch.coefficients.clear();
         scratch.coefficients.resize(channels * n, 0);
-        if record.class == ValidityClass::None {
+        if class == ValidityClass::None {
             scratch.extents.clear();
             scratch.extents.resize(channels, [0; 4]);
             return Ok(());
         }
         scratch
             .walk
-            .code(&mut decoder, block.shape, &mut scratch.coefficients, &mut scratch.extents)
-            .map_err(|_| "an extent or a coefficient is out of range")?;
-        if decoder.unread() > 0 {
-            return Err("bytes are left over after the last coefficient");
-        }
-        Ok(())
+            .code(decoder, block.shape, &mut scratch.coefficients, &mut scratch.extents)
+            .map_err(|_| "an extent or a coefficient is out of range")
     }
 
     fn decode_masks(&self, block: &Block, class: ValidityClass, decoder: &mut Decoder, masks: &mut Vec<bool>) {
@@ -140,7 +147,7 @@ impl Header {
             ValidityClass::Mask | ValidityClass::MaskPerChannel => {
                 let per_channel = class == ValidityClass::MaskPerChannel;
                 masks.resize(if per_channel { n * self.grid.channels().len() } else { n }, false);
-                self.mask_model().code(decoder, entropy::CONTEXTS, block, masks);
+                self.mask_model().code(decoder, MASKS, block, masks);
             }
         }
     }
@@ -153,7 +160,28 @@ impl Header {
         means: &[i32],
         scratch: &mut Scratch,
     ) -> Result<(), &'static str> {
-        self.decode_record(block, record, scratch)?;
+        let mut decoder = Decoder::new(&self.probabilities, record.coded);
+        self.decode_record(block, record.class, &mut decoder, scratch)?;
+        self.synthesize(block, means, scratch);
+        if let Some(step) = self.coding.correction.filter(|_| record.class != ValidityClass::None) {
+            let Scratch { masks, log, corrections, .. } = scratch;
+            corrections.clear();
+            corrections.resize(log.len(), 0);
+            let decoded = Decoded { shape: block.shape, masks, log, step };
+            scratch
+                .correct
+                .code(&mut decoder, CORRECTIONS, decoded, corrections)
+                .map_err(|_| "a correction is out of range")?;
+            correct(log, corrections, step);
+        }
+        if decoder.unread() > 0 {
+            return Err("bytes are left over at its end");
+        }
+        Ok(())
+    }
+
+    /// Log values in `scratch.log`, before corrections, from the coefficients and extents in the scratch.
+    fn synthesize(&self, block: &Block, means: &[i32], scratch: &mut Scratch) {
         let n = block.positions();
         scratch.log.clear();
         scratch.log.resize(scratch.coefficients.len(), 0.0);
@@ -167,7 +195,23 @@ impl Header {
             self.synthesis.synthesize(block.shape, extents, values, &mut scratch.lines);
         }
         self.coding.transform.inverse(&mut scratch.log, self.grid.channels().len());
-        Ok(())
+    }
+
+    /// What [`Header::rebuild`] gives before corrections, of coefficients and extents that are not coded yet.
+    #[cfg(feature = "encode")]
+    pub(crate) fn rebuild_uncoded(
+        &self,
+        block: &Block,
+        coefficients: &[i32],
+        extents: &[Extents],
+        means: &[i32],
+        scratch: &mut Scratch,
+    ) {
+        scratch.coefficients.clear();
+        scratch.coefficients.extend_from_slice(coefficients);
+        scratch.extents.clear();
+        scratch.extents.extend_from_slice(extents);
+        self.synthesize(block, means, scratch);
     }
 
     /// Masks of all channels, `[channel][position]`, from what the scratch holds after a decode.
@@ -221,7 +265,8 @@ impl<D: AsRef<[u8]>> Reader<D> {
         let directory = Directory::read(bytes)?;
         let grid = header::read_grid(directory.open(bytes, directory::GRID)?)?;
         let channels = grid.channels().len();
-        let coding = header::read_coding(directory.open(bytes, directory::CODING)?, channels)?;
+        let corrects = may_correct(directory.version().2);
+        let coding = header::read_coding(directory.open(bytes, directory::CODING)?, channels, corrects)?;
         let partition = header::read_partition(directory.open(bytes, directory::PARTITION)?, &grid)?;
         let limit = limits.block_values.min(MAX_BLOCK_VALUES);
         // Within the format's limits: no overflow.
@@ -229,7 +274,8 @@ impl<D: AsRef<[u8]>> Reader<D> {
         if values > limit {
             return Err(Error::LimitExceeded { what: "values of a block", got: values as u64, limit: limit as u64 });
         }
-        let probabilities = header::read_probabilities(directory.open(bytes, directory::PROBABILITIES)?, CONTEXTS)?;
+        let contexts = if corrects { CONTEXTS } else { CORRECTIONS };
+        let probabilities = header::read_probabilities(directory.open(bytes, directory::PROBABILITIES)?, contexts)?;
         let records = directory.require(directory::RECORDS)?;
         let index = Index::read(directory.open(bytes, directory::INDEX)?, partition.block_count(), channels, records)?;
         let header = Header::new(grid, coding, partition, probabilities);
@@ -272,6 +318,18 @@ impl<D: AsRef<[u8]>> Reader<D> {
     /// `InvalidArgument` if there is no such block.
     pub fn block_values(&self, block: usize) -> Result<usize> {
         Ok(self.place(block)?.positions() * self.grid().channels().len())
+    }
+
+    /// Bytes of the file.
+    #[cfg(feature = "encode")]
+    pub(crate) fn len(&self) -> usize {
+        self.data.as_ref().len()
+    }
+
+    /// Bounds on a block's rms and largest error that the index states.
+    #[cfg(feature = "encode")]
+    pub(crate) fn stated_errors(&self, block: usize) -> (f32, f32) {
+        self.index.errors(block)
     }
 
     /// Provenance and encoder report; empty if the file has none.

@@ -2,10 +2,13 @@
 
 mod adapt;
 mod blocks;
+mod bound;
 mod choose;
+pub mod contract;
 mod estimate;
 mod pack;
 mod recover;
+mod search;
 mod shape;
 mod stages;
 pub mod trace;
@@ -14,7 +17,7 @@ mod trend;
 use std::time::Instant;
 
 use rayon::prelude::*;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::block::Partition;
 use crate::channel::ChannelTransform;
@@ -25,8 +28,11 @@ use crate::format::{EPS_RANGE, STEP_RANGE};
 use crate::fourier::Basis;
 use crate::sample::Sampling;
 use crate::table::BrdfTable;
+use crate::tone::tone_map;
 use blocks::{Quantized, fill_empty_means, shrink};
+use bound::Bound;
 use choose::fit_horizon;
+use contract::Contract;
 use estimate::{Estimate, Estimator, Stiffness};
 use recover::Solves;
 
@@ -81,6 +87,7 @@ pub struct Encoder {
     trend: bool,
     eps: f64,
     channels: Channels,
+    contract: Option<Contract>,
     metadata: Metadata,
 }
 
@@ -102,6 +109,10 @@ pub struct Report {
     pub valid: usize,
     /// Sampled ones among these.
     pub sampled: usize,
+    /// Entries that were corrected, to keep a largest error.
+    pub corrected: usize,
+    /// Quantiser step.
+    pub step: f32,
     /// Blocks.
     pub blocks: usize,
     /// Root mean square error of ln(f + eps) over the valid entries.
@@ -116,6 +127,15 @@ pub struct Report {
     pub missed_sigma: usize,
     /// Wall seconds of the whole encode.
     pub seconds: f64,
+}
+
+/// An encode but for its metadata.
+struct Trial {
+    packed: pack::Packed,
+    partition: Partition,
+    /// Of the table, to name block shapes by.
+    axes: usize,
+    report: Report,
 }
 
 impl Default for Encoder {
@@ -141,6 +161,7 @@ impl Encoder {
             trend: false,
             eps: 1e-3,
             channels: Channels::Opponent,
+            contract: None,
             metadata: Metadata::default(),
         }
     }
@@ -253,6 +274,12 @@ impl Encoder {
         Encoder { channels, ..self }
     }
 
+    /// What the file must keep: the step is then searched for, in up to some six encodes, and [`Encoder::quality`] is
+    /// where the search begins at most. Errors count at all valid entries, sampled or not.
+    pub fn contract(self, contract: Contract) -> Encoder {
+        Encoder { contract: Some(contract), ..self }
+    }
+
     /// Provenance to store; the encoder adds its settings and what it achieved.
     pub fn metadata(self, metadata: Metadata) -> Encoder {
         Encoder { metadata, ..self }
@@ -289,7 +316,7 @@ impl Encoder {
         if self.sigma.is_some_and(|sigma| !(sigma.is_finite() && sigma >= 0.0)) {
             return bad("sigma must be finite and not negative".into());
         }
-        Ok(())
+        self.contract.map_or(Ok(()), Contract::check)
     }
 
     /// Encodes a table. The same table, settings and seed give the same bytes, whatever the number of threads. (On
@@ -298,7 +325,8 @@ impl Encoder {
     /// Missing entries are filled by the same recovery and stay marked as missing.
     ///
     /// # Errors
-    /// `InvalidArgument` if a setting is out of range or no entry is valid.
+    /// `InvalidArgument` if a setting is out of range or no entry is valid; `ContractNotMet` if the contract cannot be
+    /// kept, with the best that was reached.
     pub fn encode(&self, table: &BrdfTable) -> Result<Encoded> {
         self.encode_with(table, &|_| {})
     }
@@ -312,13 +340,27 @@ impl Encoder {
                 "the table has no valid entry: all are negative, NaN or infinite; nothing to encode".into(),
             ));
         }
-        let transform = self.choose_transform(table);
-        let (partition, share) = self.choose_partition(table, &transform, progress)?;
-        let mut encoded = self.encode_partition(table, transform, partition, &|done| {
-            progress(share + (1.0 - share) * done);
-        })?;
+        let mut encoded = match self.contract {
+            Some(contract) => contract::fulfil(self, contract, table, progress)?,
+            None => {
+                let trial = self.trial(table, progress)?;
+                Encoded { bytes: self.finish(&trial, None)?, report: trial.report }
+            }
+        };
         encoded.report.seconds = start.elapsed().as_secs_f64();
         Ok(encoded)
+    }
+
+    /// One encode at the encoder's step.
+    fn trial(&self, table: &BrdfTable, progress: &(dyn Fn(f64) + Sync)) -> Result<Trial> {
+        let transform = self.choose_transform(table);
+        let (partition, share) = self.choose_partition(table, &transform, progress)?;
+        self.encode_partition(table, transform, partition, &|done| progress(share + (1.0 - share) * done))
+    }
+
+    /// The bytes of a trial's file, with what it says of its contract.
+    fn finish(&self, trial: &Trial, contract: Option<Value>) -> Result<Vec<u8>> {
+        Ok(trial.packed.finish(&self.describe(trial, contract)?.write()?))
     }
 
     /// The table recovered as a whole, if that is what the settings ask for.
@@ -368,7 +410,7 @@ impl Encoder {
         transform: ChannelTransform,
         partition: Partition,
         progress: &(dyn Fn(f64) + Sync),
-    ) -> Result<Encoded> {
+    ) -> Result<Trial> {
         let estimate = self.estimate(table, &transform, &partition, &|done| progress(0.8 * done));
         let share = if estimate.is_some() { 0.8 } else { 0.0 };
         let recover = |done| progress(share + (0.9 - share) * done);
@@ -376,8 +418,6 @@ impl Encoder {
             .quantize_blocks(table, &transform, &partition, estimate.as_ref(), self.iterations, &recover)
             .collect::<Result<_>>()?;
         fill_empty_means(&mut blocks, table.grid().channels().len());
-        let shapes: Vec<Vec<usize>> =
-            partition.shapes().iter().map(|s| s[4 - table.grid().axes().len()..].to_vec()).collect();
         let coding = Coding {
             basis: self.basis,
             eps: self.eps,
@@ -387,14 +427,18 @@ impl Encoder {
             steps: vec![self.step; table.grid().channels().len()],
             shrink: shrink(&blocks),
             horizon: fit_horizon(table),
+            correction: None,
         };
-        let packed = pack::pack(table, coding, partition, &blocks)?;
+        let bound = self.bound(table)?;
+        let packed = pack::pack(table, coding, partition.clone(), &blocks, bound)?;
         let mut cost = estimate.map_or(Solves::default(), |estimate| estimate.cost);
         blocks.iter().for_each(|block| cost += block.cost);
         let report = Report {
             entries: table.values().len(),
             valid: table.valid_count(),
             sampled: blocks.iter().map(|b| b.sampled).sum(),
+            corrected: packed.corrected,
+            step: self.step,
             blocks: blocks.len(),
             log_rms: packed.log_rms,
             log_max: packed.log_max,
@@ -403,16 +447,27 @@ impl Encoder {
             missed_sigma: cost.missed,
             seconds: 0.0,
         };
-        let metadata = self.describe(&report, &shapes)?;
-        let bytes = packed.finish(&metadata.write()?);
         progress(1.0);
-        Ok(Encoded { bytes, report })
+        Ok(Trial { packed, partition, axes: table.grid().axes().len(), report })
+    }
+
+    /// The largest error to keep by corrections, if that is the contract.
+    fn bound(&self, table: &BrdfTable) -> Result<Option<Bound>> {
+        let Some(Contract::MaxError(max_error)) = self.contract else { return Ok(None) };
+        let n = table.grid().positions();
+        let valid = table.values().iter().zip(table.valid()).enumerate().filter(|(_, (_, valid))| **valid);
+        let scaled = valid.map(|(i, (value, _))| (value * table.grid().channels()[i / n].scale).min(f64::MAX));
+        let (least, most) = scaled.fold((f64::INFINITY, 0f64), |(least, most), f| (least.min(f), most.max(f)));
+        let largest = [least, most].map(|f| tone_map(f, self.eps).abs()).into_iter().fold(0.0, f64::max);
+        Bound::new(max_error, largest + max_error).map(Some)
     }
 
     /// The caller's metadata with the encoder's settings and results.
-    fn describe(&self, report: &Report, shapes: &[Vec<usize>]) -> Result<Metadata> {
+    fn describe(&self, trial: &Trial, contract: Option<Value>) -> Result<Metadata> {
+        let report = &trial.report;
+        let shapes: Vec<&[usize]> = trial.partition.shapes().iter().map(|s| &s[4 - trial.axes..]).collect();
         let tool = concat!("csbrdf ", env!("CARGO_PKG_VERSION"));
-        let encoder = json!({
+        let mut encoder = json!({
             "basis": self.basis.as_str(),
             "block_shapes": shapes,
             "sampling": self.base_sampling().ratio(),
@@ -428,6 +483,10 @@ impl Encoder {
             "log_rms": report.log_rms,
             "log_max": report.log_max,
         });
+        if let Some(contract) = contract {
+            encoder["contract"] = contract;
+            encoder["corrected"] = report.corrected.into();
+        }
         Ok(Metadata { tool: Some(tool.into()), encoder: Some(encoder), ..self.metadata.clone() })
     }
 

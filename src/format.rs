@@ -16,11 +16,13 @@ pub const MAGIC: [u8; 8] = [0x8B, b'C', b'S', b'B', b'\r', b'\n', 0x1A, b'\n'];
 pub const END_MARKER: [u8; 8] = *b"CSBRDF.\n";
 
 /// Major version, minor version and draft number that this build writes; draft 0 means final.
-pub const VERSION: (u16, u16, u16) = (1, 0, 2);
+pub const VERSION: (u16, u16, u16) = (1, 0, 3);
 /// Oldest draft that this build reads.
 pub const OLDEST_DRAFT: u16 = 1;
 /// First draft whose records may double the sampling ratio.
 const DOUBLINGS_DRAFT: u16 = 2;
+/// First draft whose records may correct their values.
+const CORRECTIONS_DRAFT: u16 = 3;
 
 /// Whether this build reads files of a draft; 0 is final, and after every draft.
 pub(crate) fn reads_draft(draft: u16) -> bool {
@@ -30,6 +32,11 @@ pub(crate) fn reads_draft(draft: u16) -> bool {
 /// Whether records of a draft may double the sampling ratio; those of final versions may.
 pub(crate) fn may_double(draft: u16) -> bool {
     draft == 0 || draft >= DOUBLINGS_DRAFT
+}
+
+/// Whether files of a draft state a correction step; those of final versions do.
+pub(crate) fn may_correct(draft: u16) -> bool {
+    draft == 0 || draft >= CORRECTIONS_DRAFT
 }
 
 /// Most axes of a grid.
@@ -102,8 +109,9 @@ mod tests {
 
     /// A final version comes after all drafts: what they brought stays.
     #[test]
-    fn doublings_stay_when_the_version_is_final() {
+    fn what_drafts_brought_stays_when_the_version_is_final() {
         assert_eq!([0, 1, 2, 3].map(may_double), [true, false, true, true]);
+        assert_eq!([0, 1, 2, 3, 4].map(may_correct), [true, false, false, true, true]);
         assert_eq!(
             [OLDEST_DRAFT - 1, OLDEST_DRAFT, VERSION.2, VERSION.2 + 1].map(reads_draft),
             [false, true, true, false]

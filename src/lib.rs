@@ -54,6 +54,7 @@ mod bits;
 pub mod block;
 pub mod channel;
 pub mod coords;
+mod correct;
 pub mod decode;
 #[cfg(feature = "encode")]
 pub mod encode;
@@ -72,6 +73,8 @@ mod mask;
 pub mod metrics;
 #[cfg(feature = "encode")]
 pub mod plan;
+#[cfg(feature = "encode")]
+pub mod proof;
 pub mod quantize;
 mod range;
 #[cfg(feature = "encode")]

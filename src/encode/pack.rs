@@ -3,9 +3,11 @@
 use rayon::prelude::*;
 
 use super::blocks::{Quantized, gather_log};
+use super::bound::Bound;
 use crate::block::{Block, Partition};
-use crate::decode::{CONTEXTS, Header, Scratch};
-use crate::entropy::{self, Walk};
+use crate::correct::{self, Decoded};
+use crate::decode::{CONTEXTS, CORRECTIONS, Header, Scratch};
+use crate::entropy::{self, Walk, find_extents};
 use crate::error::{Error, Result};
 use crate::format::directory::{self, write_file};
 use crate::format::header::{Coding, write_coding, write_grid, write_partition, write_probabilities};
@@ -18,6 +20,8 @@ use crate::table::BrdfTable;
 pub(super) struct Packed {
     pub(super) log_rms: f64,
     pub(super) log_max: f64,
+    /// Entries with a correction.
+    pub(super) corrected: usize,
     grid: Vec<u8>,
     coding: Vec<u8>,
     partition: Vec<u8>,
@@ -50,26 +54,73 @@ fn classify(header: &Header, block: &Block, valid: &[bool]) -> (ValidityClass, V
     }
 }
 
-/// Codes a record's masks and coefficients.
-fn code_record<C: Coder>(
-    coder: &mut C,
-    header: &Header,
-    block: &Block,
-    masks: &mut [bool],
-    class: ValidityClass,
-    coefficients: &[i32],
-    walk: &mut Walk,
-) {
-    if class == ValidityClass::None {
-        return;
-    }
-    header.mask_model().code(coder, entropy::CONTEXTS, block, masks);
-    let coded = walk.code(coder, block.shape, &mut coefficients.to_vec(), &mut Vec::new());
-    debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
+/// Buffers of a thread.
+#[derive(Default)]
+struct Buffers {
+    walk: Walk,
+    correct: correct::Walk,
+    scratch: Scratch,
 }
 
-/// Codes the blocks, decodes them again and measures what came back.
-pub(super) fn pack(table: &BrdfTable, coding: Coding, partition: Partition, blocks: &[Quantized]) -> Result<Packed> {
+/// A block before it is coded.
+struct Uncoded<'a> {
+    block: Block,
+    class: ValidityClass,
+    masks: &'a [bool],
+    quantized: &'a Quantized,
+    means: &'a [i32],
+}
+
+impl Uncoded<'_> {
+    /// Its log values before corrections, in the scratch.
+    fn rebuild(&self, header: &Header, scratch: &mut Scratch) {
+        let shape = self.quantized.shape;
+        let n: usize = shape.iter().product();
+        let extents: Vec<_> = self.quantized.coefficients.chunks_exact(n).map(|q| find_extents(shape, q)).collect();
+        header.rebuild_uncoded(&self.block, &self.quantized.coefficients, &extents, self.means, scratch);
+    }
+
+    /// Codes masks, coefficients and, where the file has a correction step, corrections.
+    fn code<C: Coder>(
+        &self,
+        coder: &mut C,
+        header: &Header,
+        valid: &[bool],
+        corrections: &[i32],
+        buffers: &mut Buffers,
+    ) {
+        if self.class == ValidityClass::None {
+            return;
+        }
+        header.mask_model().code(coder, entropy::CONTEXTS, &self.block, &mut self.masks.to_vec());
+        let shape = self.block.shape;
+        let coded = buffers.walk.code(coder, shape, &mut self.quantized.coefficients.clone(), &mut Vec::new());
+        debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
+        if let Some(step) = header.coding.correction {
+            let mut corrections = corrections.to_vec();
+            if corrections.is_empty() {
+                corrections.resize(valid.len(), 0);
+            } else {
+                self.rebuild(header, &mut buffers.scratch);
+            }
+            let decoded = Decoded { shape, masks: valid, log: &buffers.scratch.log, step };
+            let coded = buffers.correct.code(coder, CORRECTIONS, decoded, &mut corrections);
+            debug_assert!(coded.is_ok(), "the bound bounds the corrections");
+        }
+    }
+}
+
+/// Codes the blocks, corrects what is off by more than the bound, decodes them again and measures what came back.
+///
+/// Corrections are found on what the decoder makes of the coefficients; what is measured is what it makes of the record.
+pub(super) fn pack(
+    table: &BrdfTable,
+    mut coding: Coding,
+    partition: Partition,
+    blocks: &[Quantized],
+    bound: Option<Bound>,
+) -> Result<Packed> {
+    coding.correction = bound.map(|bound| bound.step);
     let place = |number: usize| partition.block(number).expect("one entry a block");
     let flat = Header::new(table.grid().clone(), coding.clone(), partition.clone(), vec![1 << 15; CONTEXTS]);
     let means: Vec<i32> = blocks.iter().flat_map(|b| b.means.iter().map(|mean| mean.unwrap_or(0))).collect();
@@ -78,26 +129,42 @@ pub(super) fn pack(table: &BrdfTable, coding: Coding, partition: Partition, bloc
         .into_par_iter()
         .map(|number| {
             let block = place(number);
-            classify(&flat, &block, &gather_log(table, &block, coding.eps).1)
+            classify(&flat, &block, &gather_valid(table, &block))
         })
         .collect();
+    let uncoded = |number: usize| Uncoded {
+        block: place(number),
+        class: classified[number].0,
+        masks: &classified[number].1,
+        quantized: &blocks[number],
+        means: &means[number * components..(number + 1) * components],
+    };
+    let corrections: Vec<Vec<i32>> = match bound {
+        None => vec![Vec::new(); blocks.len()],
+        Some(bound) => (0..blocks.len())
+            .into_par_iter()
+            .map_init(Scratch::default, |scratch, number| {
+                let block = uncoded(number);
+                block.rebuild(&flat, scratch);
+                let (log, valid) = gather_log(table, &block.block, coding.eps);
+                bound.corrections(&log, &valid, &scratch.log, cuts(coding.eps)).map_err(|left| {
+                    let what =
+                        format!("step {} is too coarse for the largest error: {left:.2e} is left", coding.steps[0]);
+                    Error::ContractNotMet(what)
+                })
+            })
+            .collect::<Result<_>>()?,
+    };
 
     let counter = (0..blocks.len())
         .into_par_iter()
         .fold(
-            || (Counter::new(CONTEXTS), Walk::default()),
-            |(mut counter, mut walk), number| {
-                let (class, mut masks) = classified[number].clone();
-                code_record(
-                    &mut counter,
-                    &flat,
-                    &place(number),
-                    &mut masks,
-                    class,
-                    &blocks[number].coefficients,
-                    &mut walk,
-                );
-                (counter, walk)
+            || (Counter::new(CONTEXTS), Buffers::default()),
+            |(mut counter, mut buffers), number| {
+                let block = uncoded(number);
+                let valid = gather_valid(table, &block.block);
+                block.code(&mut counter, &flat, &valid, &corrections[number], &mut buffers);
+                (counter, buffers)
             },
         )
         .map(|(counter, _)| counter)
@@ -112,23 +179,21 @@ pub(super) fn pack(table: &BrdfTable, coding: Coding, partition: Partition, bloc
 
     let coded: Vec<(Vec<u8>, BlockError)> = (0..blocks.len())
         .into_par_iter()
-        .map_init(
-            || (Walk::default(), Scratch::default()),
-            |(walk, scratch), number| {
-                let block = place(number);
-                let (class, mut masks) = classified[number].clone();
-                let mut coder = Encoder::new(&header.probabilities);
-                code_record(&mut coder, &header, &block, &mut masks, class, &blocks[number].coefficients, walk);
-                let coded = coder.finish();
-                // Nothing to sample, nothing to double.
-                let doublings = if class == ValidityClass::None { 0 } else { blocks[number].doublings };
-                let record = Record { class, doublings, coded: &coded };
-                header
-                    .rebuild(&block, &record, &means[number * components..(number + 1) * components], scratch)
-                    .map_err(|what| Error::InvalidArgument(format!("block {number} does not decode: {what}")))?;
-                Ok((record.write(number as u32), measure(table, &block, header.coding.eps, &scratch.log)))
-            },
-        )
+        .map_init(Buffers::default, |buffers, number| {
+            let block = uncoded(number);
+            let valid = gather_valid(table, &block.block);
+            let mut coder = Encoder::new(&header.probabilities);
+            block.code(&mut coder, &header, &valid, &corrections[number], buffers);
+            let coded = coder.finish();
+            // Nothing to sample, nothing to double.
+            let doublings = if block.class == ValidityClass::None { 0 } else { blocks[number].doublings };
+            let record = Record { class: block.class, doublings, coded: &coded };
+            header
+                .rebuild(&block.block, &record, block.means, &mut buffers.scratch)
+                .map_err(|what| Error::InvalidArgument(format!("block {number} does not decode: {what}")))?;
+            let error = measure(table, &block.block, header.coding.eps, &buffers.scratch.log);
+            Ok((record.write(number as u32), error))
+        })
         .collect::<Result<_>>()?;
 
     let total = coded.iter().fold(BlockError::default(), |sum, (_, e)| BlockError {
@@ -142,6 +207,7 @@ pub(super) fn pack(table: &BrdfTable, coding: Coding, partition: Partition, bloc
     Ok(Packed {
         log_rms: rms(&total),
         log_max: total.max,
+        corrected: corrections.iter().flatten().filter(|m| **m != 0).count(),
         grid: write_grid(&header.grid),
         coding: write_coding(&header.coding),
         partition: write_partition(&header.partition, header.grid.axes().len()),
@@ -151,13 +217,27 @@ pub(super) fn pack(table: &BrdfTable, coding: Coding, partition: Partition, bloc
     })
 }
 
+/// The inverse tone map gives neither negative nor infinite values: logs are cut off there.
+fn cuts(eps: f64) -> [f64; 2] {
+    [eps.ln(), f64::MAX.ln()]
+}
+
+/// Validity of a block, `[channel][position]`.
+fn gather_valid(table: &BrdfTable, block: &Block) -> Vec<bool> {
+    let n = block.positions();
+    let mut valid = vec![false; n * table.grid().channels().len()];
+    for (channel, valid) in valid.chunks_exact_mut(n).enumerate() {
+        block.gather(table.grid().shape(), table.valid_plane(channel), valid);
+    }
+    valid
+}
+
 fn measure(table: &BrdfTable, block: &Block, eps: f64, decoded: &[f32]) -> BlockError {
     let (log, valid) = gather_log(table, block, eps);
-    let (floor, ceiling) = (eps.ln(), f64::MAX.ln());
+    let [floor, ceiling] = cuts(eps);
     let mut error = BlockError::default();
     for ((value, valid), decoded) in log.iter().zip(valid).zip(decoded) {
         if valid {
-            // The inverse tone map gives neither negative nor infinite values: the log is cut off there.
             let difference = (value - f64::from(*decoded).clamp(floor, ceiling)).abs();
             error.squares += difference * difference;
             error.count += 1;
@@ -169,15 +249,15 @@ fn measure(table: &BrdfTable, block: &Block, eps: f64, decoded: &[f32]) -> Block
 
 impl Packed {
     /// The whole file.
-    pub(super) fn finish(self, metadata: &[u8]) -> Vec<u8> {
+    pub(super) fn finish(&self, metadata: &[u8]) -> Vec<u8> {
         write_file(&[
-            (directory::GRID, false, self.grid),
-            (directory::CODING, false, self.coding),
-            (directory::PARTITION, false, self.partition),
-            (directory::PROBABILITIES, false, self.probabilities),
-            (directory::INDEX, false, self.index),
+            (directory::GRID, false, self.grid.clone()),
+            (directory::CODING, false, self.coding.clone()),
+            (directory::PARTITION, false, self.partition.clone()),
+            (directory::PROBABILITIES, false, self.probabilities.clone()),
+            (directory::INDEX, false, self.index.clone()),
             (directory::METADATA, true, metadata.to_vec()),
-            (directory::RECORDS, false, self.records),
+            (directory::RECORDS, false, self.records.clone()),
         ])
     }
 }

@@ -28,6 +28,8 @@ pub struct Coding {
     pub shrink: [i8; 2],
     /// Elevation (cosine) from which bins are predicted valid; `None`: all are.
     pub horizon: Option<f64>,
+    /// Multiples of this are added to the log values of single entries; `None`: there are no corrections.
+    pub correction: Option<f32>,
 }
 
 /// Tone maps: 1 is ln(f + eps).
@@ -94,7 +96,8 @@ pub(crate) fn read_grid(mut r: ByteReader) -> Result<Grid> {
     Ok(grid)
 }
 
-pub(crate) fn read_coding(mut r: ByteReader, channels: usize) -> Result<Coding> {
+/// `corrects`: whether the file's draft states a correction step.
+pub(crate) fn read_coding(mut r: ByteReader, channels: usize, corrects: bool) -> Result<Coding> {
     // Basis: 0 DCT-II, 1 DFT.
     let basis = r.u8()?;
     let basis = one_of(&r, "basis", &[Basis::Dct, Basis::Dft], basis)?;
@@ -161,8 +164,14 @@ pub(crate) fn read_coding(mut r: ByteReader, channels: usize) -> Result<Coding> 
         }
         other => return Err(r.corrupt(format!("channel transform {other} of {channels} channels is reserved"))),
     };
+    // Correction step, from draft 3 on; 0 where there are no corrections.
+    let correction = match if corrects { r.f32()? } else { 0.0 } {
+        none if none.to_bits() == 0 => None,
+        step if STEP_RANGE.contains(&step) => Some(step),
+        step => return Err(r.corrupt(format!("correction step is {step}, must be 0 or within {STEP_RANGE:?}"))),
+    };
     r.finish()?;
-    Ok(Coding { basis, eps, sampling, seed, transform, steps, shrink, horizon })
+    Ok(Coding { basis, eps, sampling, seed, transform, steps, shrink, horizon, correction })
 }
 
 pub(crate) fn read_partition(mut r: ByteReader, grid: &Grid) -> Result<Partition> {
@@ -268,6 +277,7 @@ mod write {
         if let ChannelTransform::Matrix(matrix) = &coding.transform {
             matrix.iter().for_each(|&entry| w.f32(entry));
         }
+        w.f32(coding.correction.unwrap_or(0.0));
         w.0
     }
 
@@ -341,18 +351,28 @@ mod tests {
             steps: vec![0.1, 0.2, 0.3],
             shrink: [20, -3],
             horizon: Some(-0.061),
+            correction: Some(0.19),
         };
         let bytes = write_coding(&coding);
-        assert_eq!(read_coding(reader(&bytes), 3).unwrap(), coding);
+        assert_eq!(read_coding(reader(&bytes), 3, true).unwrap(), coding);
         for (at, value) in [(0, 2), (1, 0), (2, 0), (3, 2), (6, 2), (7, 1)] {
             let mut bad = bytes.clone();
             bad[at] = value;
-            assert!(read_coding(reader(&bad), 3).is_err(), "byte {at} = {value}");
+            assert!(read_coding(reader(&bad), 3, true).is_err(), "byte {at} = {value}");
         }
         let nan = Coding { eps: f64::NAN, ..coding.clone() };
-        assert!(read_coding(reader(&write_coding(&nan)), 3).is_err());
-        let zero = Coding { steps: vec![0.1, 0.0, 0.1], ..coding };
-        assert!(read_coding(reader(&write_coding(&zero)), 3).is_err());
+        assert!(read_coding(reader(&write_coding(&nan)), 3, true).is_err());
+        let zero = Coding { steps: vec![0.1, 0.0, 0.1], ..coding.clone() };
+        assert!(read_coding(reader(&write_coding(&zero)), 3, true).is_err());
+        // Drafts before the third end before the correction step.
+        let plain = Coding { correction: None, ..coding.clone() };
+        assert_eq!(read_coding(reader(&bytes[..bytes.len() - 4]), 3, false).unwrap(), plain);
+        assert!(read_coding(reader(&bytes), 3, false).is_err());
+        assert_eq!(read_coding(reader(&write_coding(&plain)), 3, true).unwrap(), plain);
+        for step in [-0.0, -0.1, 1e-13, 1e7, f32::NAN] {
+            let bad = Coding { correction: Some(step), ..coding.clone() };
+            assert!(read_coding(reader(&write_coding(&bad)), 3, true).is_err(), "{step}");
+        }
     }
 
     #[test]
