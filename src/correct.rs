@@ -9,30 +9,44 @@ use crate::range::Coder;
 
 /// Bits of a magnitude less one, and one.
 const EXPONENTS: usize = 25;
-const SLOPES: usize = 7;
-const LEVELS: usize = 6;
-const SISTERS: usize = 4;
+/// What the channels before say: nothing for the first; one or two of them, the nearer one by its magnitude.
+const KINDS: usize = 1 + 3 + 2 * 3;
+const SLOPES: usize = 5;
 
 const ANY: usize = 0;
 const ROW: usize = ANY + 3;
-const PRESENT: usize = ROW + 3 * 3 * 3;
-const EXPONENT: usize = PRESENT + SISTERS * SLOPES * LEVELS;
+const PRESENT: usize = ROW + 3 * 3;
+const EXPONENT: usize = PRESENT + KINDS * SLOPES * 2;
 const MANTISSA: usize = EXPONENT + 2 * EXPONENTS;
 const SIGN: usize = MANTISSA + EXPONENTS;
 /// Number of contexts for corrections.
-pub(crate) const CONTEXTS: usize = SIGN + 9;
+pub(crate) const CONTEXTS: usize = SIGN + 3 * 3;
 
-/// Level of a weighted count of corrected neighbours.
-const LEVEL: [u8; 13] = [0, 1, 2, 2, 3, 3, 4, 4, 4, 5, 5, 5, 5];
+/// Lower ends of the classes of slopes but the first, in correction steps.
+const SLOPE_ENDS: [f32; SLOPES - 1] = [0.25, 0.5, 1.0, 2.0];
 
 /// Scratch of the walk, padded so that every neighbour exists.
 #[derive(Debug, Default)]
 pub(crate) struct Walk {
-    /// Corrections of the channel and of the one before, held within -2 and 2.
-    own: Vec<i8>,
-    sister: Vec<i8>,
+    /// Of the channel, the one before, and the one before that.
+    planes: [Plane; 3],
+}
+
+#[derive(Debug, Default)]
+struct Plane {
+    /// Corrections, held within -2 and 2.
+    corrections: Vec<i8>,
+    /// Whether a row holds any.
     rows: Vec<u8>,
-    sister_rows: Vec<u8>,
+}
+
+impl Plane {
+    fn clear(&mut self, rows: usize, row_len: usize) {
+        self.corrections.clear();
+        self.corrections.resize(rows * row_len, 0);
+        self.rows.clear();
+        self.rows.resize(rows, 0);
+    }
 }
 
 /// A block as the walk sees it.
@@ -58,32 +72,25 @@ impl Walk {
     ) -> Result<(), OutOfRange> {
         let [n0, n1, n2, n3] = block.shape;
         let n = n0 * n1 * n2 * n3;
-        let padded = (n0 + 1) * (n1 + 1) * (n2 + 2) * (n3 + 3);
+        let rows = n0 * (n1 + 1) * (n2 + 1);
+        // Most blocks have none and need no scratch.
         let mut prepared = false;
         let mut before = 0;
         for (channel, plane) in corrections.chunks_exact_mut(n).enumerate() {
-            let found = plane.iter().any(|&m| m != 0);
-            let any = coder.bit(contexts + ANY + before, found);
+            let any = coder.bit(contexts + ANY + before, plane.iter().any(|&m| m != 0));
             before = 1 + usize::from(any);
             if any && !prepared {
                 prepared = true;
-                for (values, rows) in [(&mut self.own, &mut self.rows), (&mut self.sister, &mut self.sister_rows)] {
-                    values.clear();
-                    values.resize(padded, 0);
-                    rows.clear();
-                    rows.resize(padded / (n3 + 3), 0);
-                }
+                self.planes.iter_mut().for_each(|plane| plane.clear(rows, n3 + 1));
             } else if prepared {
-                std::mem::swap(&mut self.own, &mut self.sister);
-                std::mem::swap(&mut self.rows, &mut self.sister_rows);
-                self.own.fill(0);
-                self.rows.fill(0);
+                self.planes.rotate_right(1);
+                self.planes[0].clear(rows, n3 + 1);
             }
             if any {
-                let mask =
+                let masks =
                     if block.masks.len() == n { block.masks } else { &block.masks[channel * n..(channel + 1) * n] };
-                let plane_of = Decoded { masks: mask, log: &block.log[channel * n..(channel + 1) * n], ..block };
-                self.channel(coder, contexts, channel, plane_of, plane)?;
+                let log = &block.log[channel * n..(channel + 1) * n];
+                self.channel(coder, contexts, channel, Decoded { masks, log, ..block }, plane)?;
             }
         }
         Ok(())
@@ -97,59 +104,38 @@ impl Walk {
         block: Decoded,
         plane: &mut [i32],
     ) -> Result<(), OutOfRange> {
-        let [n0, n1, n2, n3] = block.shape;
-        let rows = [(n1 + 1) * (n2 + 2), n2 + 2];
+        let [_, n1, n2, n3] = block.shape;
         for (number, line) in plane.chunks_exact_mut(n3).enumerate() {
-            let (i, j, k) = (number / n2 / n1, number / n2 % n1, number % n2);
-            debug_assert!(i < n0);
-            let mask = &block.masks[number * n3..(number + 1) * n3];
+            let at = number * n3;
+            let mask = &block.masks[at..at + n3];
             if !mask.contains(&true) {
                 continue;
             }
-            let row = (i + 1) * rows[0] + (j + 1) * rows[1] + k + 1;
-            let near = self.rows[row - 1] + self.rows[row - rows[1]];
-            let around = self.rows[row - rows[1] + 1] + self.rows[row - rows[0]];
-            let sister = if channel == 0 { 2 } else { self.sister_rows[row] };
-            let context = ROW + usize::from((near * 3 + around) * 3 + sister);
-            if !coder.bit(contexts + context, line.iter().any(|&m| m != 0)) {
+            // Rows are padded by one before along the second and third axis, entries by one along the last.
+            let (i, j, k) = (number / n2 / n1, number / n2 % n1, number % n2);
+            let row = (i * (n1 + 1) + j + 1) * (n2 + 1) + k + 1;
+            let [above, before] = [row - 1, row - (n2 + 1)];
+            let near = self.planes[0].rows[above] + self.planes[0].rows[before];
+            let sister = if channel == 0 { 2 } else { self.planes[1].rows[row] };
+            let any = line.iter().any(|&m| m != 0);
+            if !coder.bit(contexts + ROW + usize::from(near * 3 + sister), any) {
                 continue;
             }
-            self.rows[row] = 1;
-            let log = |k: usize, l: usize| block.log[(number - number % n2 + k) * n3 + l];
-            for l in 0..n3 {
-                if !mask[l] {
-                    continue;
-                }
-                let here = log(k, l);
-                let mut slope = 0f32;
-                if l > 0 {
-                    slope = slope.max((here - log(k, l - 1)).abs());
-                }
-                if l + 1 < n3 {
-                    slope = slope.max((here - log(k, l + 1)).abs());
-                }
-                if k > 0 {
-                    slope = slope.max((here - log(k - 1, l)).abs());
-                }
-                if k + 1 < n2 {
-                    slope = slope.max((here - log(k + 1, l)).abs());
-                }
-                let slope = [0.125, 0.25, 0.5, 1.0, 2.0, 4.0].iter().filter(|&t| slope >= t * block.step).count();
-                self.entry(
-                    coder,
-                    contexts,
-                    channel,
-                    slope,
-                    row * (n3 + 3) + l + 2,
-                    [n3 + 3, rows[1] * (n3 + 3), rows[0] * (n3 + 3)],
-                    &mut line[l],
-                )?;
+            self.planes[0].rows[row] = 1;
+            let rows = [row, above, before].map(|row| row * (n3 + 1) + 1);
+            for (l, place) in line.iter_mut().enumerate().filter(|(l, _)| mask[*l]) {
+                let here = block.log[at + l];
+                let slope = |there: bool, other: usize| if there { (here - block.log[other]).abs() } else { 0.0 };
+                let along = slope(l > 0, (at + l).wrapping_sub(1)).max(slope(l + 1 < n3, at + l + 1));
+                let across = slope(k > 0, (at + l).wrapping_sub(n3)).max(slope(k + 1 < n2, at + l + n3));
+                let slope = along.max(across);
+                let class = SLOPE_ENDS.iter().filter(|&end| slope >= end * block.step).count();
+                self.entry(coder, contexts, channel, class, rows.map(|row| row + l), place)?;
             }
         }
         Ok(())
     }
 
-    #[allow(clippy::too_many_arguments)]
     #[inline(always)]
     fn entry<C: Coder>(
         &mut self,
@@ -157,35 +143,31 @@ impl Walk {
         contexts: usize,
         channel: usize,
         slope: usize,
-        at: usize,
-        [above, before, outer]: [usize; 3],
+        [at, above, before]: [usize; 3],
         place: &mut i32,
     ) -> Result<(), OutOfRange> {
-        let has = |at: usize| usize::from(self.own[at] != 0);
-        let near = 2 * (has(at - 1) + has(at - above) + has(at - before))
-            + has(at - 2)
-            + has(at - above + 1)
-            + has(at - above - 1)
-            + has(at - before + above)
-            + has(at - outer);
-        let level = usize::from(LEVEL[near.min(12)]);
-        let sister = self.sister[at];
-        let kind = if channel == 0 { 3 } else { usize::from(sister.unsigned_abs()).min(2) };
+        let [own, sister, elder] = &self.planes;
+        let near = [own.corrections[at - 1], own.corrections[above], own.corrections[before]];
+        let (sister, elder) = (sister.corrections[at], elder.corrections[at]);
+        let size = usize::from(sister.unsigned_abs());
+        let kind = match channel {
+            0 => 0,
+            1 => 1 + size,
+            _ => 4 + 2 * size + usize::from(elder != 0),
+        };
+        let corrected = usize::from(near != [0; 3]);
         let m = *place;
-        let context = PRESENT + (kind * SLOPES + slope) * LEVELS + level;
-        if !coder.bit(contexts + context, m != 0) {
+        if !coder.bit(contexts + PRESENT + (kind * SLOPES + slope) * 2 + corrected, m != 0) {
             return Ok(());
         }
-        let left = self.own[at - 1];
-        let large =
-            self.own[at - 1].unsigned_abs() > 1 || self.own[at - above].unsigned_abs() > 1 || sister.unsigned_abs() > 1;
+        let large = near.iter().chain([&sister]).any(|m| m.unsigned_abs() > 1);
         let exponent = contexts + EXPONENT + usize::from(large) * EXPONENTS;
         let magnitude = 1 + code_number(coder, exponent, contexts + MANTISSA, m.unsigned_abs().wrapping_sub(1))?;
         let sign = |m: i8| (m.signum() + 1) as usize;
-        let near_sign = if left != 0 { left } else { self.own[at - above] };
-        let negative = coder.bit(contexts + SIGN + sign(sister) * 3 + sign(near_sign), m < 0);
+        let nearest = near.into_iter().find(|&m| m != 0).unwrap_or(0);
+        let negative = coder.bit(contexts + SIGN + sign(sister) * 3 + sign(nearest), m < 0);
         *place = if negative { -(magnitude as i32) } else { magnitude as i32 };
-        self.own[at] = (*place).clamp(-2, 2) as i8;
+        self.planes[0].corrections[at] = (*place).clamp(-2, 2) as i8;
         Ok(())
     }
 }
@@ -194,5 +176,81 @@ impl Walk {
 pub(crate) fn correct(log: &mut [f32], corrections: &[i32], step: f32) {
     for (value, &m) in log.iter_mut().zip(corrections).filter(|(_, m)| **m != 0) {
         *value += m as f32 * step;
+    }
+}
+
+#[cfg(all(test, feature = "encode"))]
+mod tests {
+    use super::*;
+    use crate::entropy::MAX_MAGNITUDE;
+    use crate::range::{Decoder, Encoder};
+    use proptest::prelude::*;
+
+    /// Walks forward and back; gives the bytes.
+    fn round_trip(block: Decoded, corrections: &[i32]) -> Vec<u8> {
+        let probabilities = vec![9000u16; CONTEXTS];
+        let mut encoder = Encoder::new(&probabilities);
+        let mut walk = Walk::default();
+        let mut given = corrections.to_vec();
+        walk.code(&mut encoder, 0, block, &mut given).unwrap();
+        assert_eq!(given, corrections);
+        let bytes = encoder.finish();
+        let mut decoded = vec![0; corrections.len()];
+        let mut decoder = Decoder::new(&probabilities, &bytes);
+        walk.code(&mut decoder, 0, block, &mut decoded).unwrap();
+        assert_eq!(decoded, corrections);
+        assert_eq!(decoder.unread(), 0);
+        bytes
+    }
+
+    proptest! {
+        #[test]
+        fn decoding_undoes_coding(
+            shape in prop::array::uniform4(1usize..6), channels in 1usize..5, density in 0u64..100, common in any::<bool>(),
+            seed in any::<u64>(), size in 1u32..25
+        ) {
+            let n: usize = shape.iter().product();
+            let mut random = crate::sample::SplitMix64(seed);
+            let masks: Vec<bool> =
+                (0..if common { n } else { channels * n }).map(|_| !random.next_u64().is_multiple_of(5)).collect();
+            let log: Vec<f32> = (0..channels * n).map(|_| (random.next_u64() >> 56) as f32 * 0.01).collect();
+            let corrections: Vec<i32> = (0..channels * n)
+                .map(|i| {
+                    let r = random.next_u64();
+                    let present = r % 100 < density && masks[i % masks.len()];
+                    let magnitude = ((r >> 8) as u32 & ((1 << size) - 1)).min(MAX_MAGNITUDE) as i32;
+                    if present { if r >> 63 == 1 { -magnitude } else { magnitude } } else { 0 }
+                })
+                .collect();
+            round_trip(Decoded { shape, masks: &masks, log: &log, step: 0.3 }, &corrections);
+        }
+
+        #[test]
+        fn arbitrary_bytes_end(bytes in prop::collection::vec(any::<u8>(), 0..200), p in 0u16..) {
+            let n = 5 * 6 * 7;
+            let (masks, log) = (vec![true; n], vec![0.0; 2 * n]);
+            let block = Decoded { shape: [1, 5, 6, 7], masks: &masks, log: &log, step: 1.0 };
+            let probabilities = vec![p; CONTEXTS];
+            let mut decoder = Decoder::new(&probabilities, &bytes);
+            let _ = Walk::default().code(&mut decoder, 0, block, &mut vec![0; 2 * n]);
+        }
+    }
+
+    /// Spec section 4.9 byte for byte; the decoder written from the specification reads them so.
+    #[test]
+    fn bytes_are_those_of_the_specification() {
+        assert_eq!(CONTEXTS, 1593 - 1397);
+        let masks = [true, true, false, true, true, true];
+        let log = [0.0, 0.1, 0.2, 5.0, 5.0, 5.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0];
+        let block = Decoded { shape: [1, 1, 2, 3], masks: &masks, log: &log, step: 0.5 };
+        assert_eq!(round_trip(block, &[0, -1, 0, 3, 0, 0, 0, -1, 0, 300, 0, 0]), [0u8; 0]);
+        assert_eq!(round_trip(block, &[0; 12]), [0u8; 0]);
+    }
+
+    #[test]
+    fn corrections_are_added_in_single_precision() {
+        let mut log = [0.1f32, -3.0, 7.0];
+        correct(&mut log, &[2, 0, -1], 0.3);
+        assert_eq!(log, [0.1 + 2.0 * 0.3f32, -3.0, 7.0 - 0.3f32]);
     }
 }

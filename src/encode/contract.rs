@@ -217,7 +217,7 @@ pub(super) fn fulfil(
 }
 
 /// Step of the first trial in largest errors.
-const FIRST_STEP: f64 = 0.8;
+const FIRST_STEP: f64 = 5.0;
 
 /// Finishes a trial and measures what its contract is about.
 fn measure(
