@@ -243,8 +243,11 @@ mod tests {
         let masks = [true, true, false, true, true, true];
         let log = [0.0, 0.1, 0.2, 5.0, 5.0, 5.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0];
         let block = Decoded { shape: [1, 1, 2, 3], masks: &masks, log: &log, step: 0.5 };
-        assert_eq!(round_trip(block, &[0, -1, 0, 3, 0, 0, 0, -1, 0, 300, 0, 0]), [0u8; 0]);
-        assert_eq!(round_trip(block, &[0; 12]), [0u8; 0]);
+        assert_eq!(
+            round_trip(block, &[0, -1, 0, 3, 0, 0, 0, -1, 0, 300, 0, 0]),
+            [0, 189, 35, 195, 51, 172, 124, 53, 13, 96]
+        );
+        assert_eq!(round_trip(block, &[0; 12]), [128]);
     }
 
     #[test]

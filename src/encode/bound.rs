@@ -114,7 +114,7 @@ mod tests {
     fn only_outliers_are_corrected() {
         let bound = Bound::new(0.1, 10.0).unwrap();
         let correct = |decoded: [f32; 4]| bound.corrections(&[1.0; 4], &[true, true, true, false], &decoded, CUTS);
-        assert_eq!(correct([1.05, 0.91, 1.0, 9.0]).unwrap(), []);
+        assert_eq!(correct([1.05, 0.91, 1.0, 9.0]).unwrap(), [0i32; 0]);
         assert_eq!(correct([1.05, 0.89, 1.28, 9.0]).unwrap(), [0, 1, -1, 0]);
         assert!(correct([1.0, 1.0, 1e9, 9.0]).is_err());
     }

@@ -35,6 +35,8 @@ pub(super) fn nearest<T>(
     // Nearest point on each side, logarithm of the step and excess; all broken ones, in order of trial.
     let (mut kept, mut broken): (Option<(f64, f64)>, Option<(f64, f64)>) = (None, None);
     let mut points: Vec<(f64, f64)> = Vec::new();
+    // The same ends as the next interpolation takes them, and the side that the last trial was on.
+    let (mut ends, mut last) = ([None; 2], None);
     let mut best: Option<T> = None;
     let mut trials = 0;
     while trials < if best.is_some() { TRIALS } else { MOST } {
@@ -52,12 +54,21 @@ pub(super) fn nearest<T>(
         } else if kept.is_none_or(|(_, most)| excess > most) {
             (kept, best) = (Some((at, excess)), Some(value));
         }
+        let side = usize::from(excess > 0.0);
+        ends[side] = [kept, broken][side];
+        // An end that stays while the other moves twice would hold the search up (the Illinois rule).
+        if last == Some(side)
+            && let Some((_, other)) = &mut ends[1 - side]
+        {
+            *other *= 0.5;
+        }
+        last = Some(side);
         if kept.is_some_and(|(_, excess)| excess >= -tolerance) || (best.is_none() && flat(&points)) {
             break;
         }
-        let next = match (kept, broken) {
-            (Some(a), Some(b)) => {
-                let share = (aim - a.1) / (b.1 - a.1);
+        let next: f64 = match ends {
+            [Some(a), Some(b)] => {
+                let share: f64 = (aim - a.1) / (b.1 - a.1);
                 a.0 + share.clamp(0.05, 0.95) * (b.0 - a.0)
             }
             _ => {
@@ -65,8 +76,10 @@ pub(super) fn nearest<T>(
                     [.., a, b] if a.0 != b.0 => (b.1 - a.1) / (b.0 - a.0),
                     _ => slope,
                 };
-                let own = if own * slope > 0.2 { own } else { slope };
-                at + ((aim - excess) / own).clamp(-STRIDE, STRIDE)
+                let own = if own * slope > 0.02 { own } else { slope };
+                // Where little changes so far, more may change further on.
+                let stride = if own * slope < 0.5 { STRIDE / 2.0 } else { STRIDE };
+                at + ((aim - excess) / own).clamp(-stride, stride)
             }
         };
         let next = next.clamp(range[0], range[1]);
