@@ -18,6 +18,9 @@ pub fn run(args: &VerifyArgs, quiet: bool) -> Outcome {
     if args.against.is_some() && args.files.len() > 1 {
         return Err(Failure::usage("--against ORIGINAL is for one file; verify them one by one"));
     }
+    if args.against.as_deref().is_some_and(input::is_dash) {
+        return Err(Failure::usage("--against reads the original twice; give a file, not standard input"));
+    }
     let mut first_failure = None;
     for file in &args.files {
         let (text, result) = verify(file, args.against.as_deref());
