@@ -5,6 +5,9 @@
 use crate::error::{Error, Result};
 use crate::format::STEP_RANGE;
 
+/// Logarithm of a step, and what its trial came to.
+type Point = (f64, f64);
+
 /// Trials after which the best so far is taken.
 const TRIALS: usize = 6;
 /// Trials in all where none keeps the limit yet.
@@ -33,8 +36,9 @@ pub(super) fn nearest<T>(
     let aim = -0.4 * tolerance;
     let mut at = f64::from(start).ln();
     // Nearest point on each side, logarithm of the step and excess; all broken ones, in order of trial.
-    let (mut kept, mut broken): (Option<(f64, f64)>, Option<(f64, f64)>) = (None, None);
-    let mut points: Vec<(f64, f64)> = Vec::new();
+    let mut kept: Option<Point> = None;
+    let mut broken: Option<Point> = None;
+    let mut points: Vec<Point> = Vec::new();
     // The same ends as the next interpolation takes them, and the side that the last trial was on.
     let (mut ends, mut last) = ([None; 2], None);
     let mut best: Option<T> = None;
@@ -95,7 +99,7 @@ pub(super) fn nearest<T>(
 }
 
 /// Whether the last trials, over a factor of 16 of the step and more, changed nothing to speak of.
-fn flat(points: &[(f64, f64)]) -> bool {
+fn flat(points: &[Point]) -> bool {
     let Some(&(at, excess)) = points.last() else { return false };
     points.iter().any(|&(other, before)| (at - other).abs() > 16f64.ln() && before - excess < 0.05 * excess)
 }
@@ -108,9 +112,9 @@ const WORTH: f64 = 0.002;
 /// The trial of least cost; the cost has one minimum over the step. Steps whose trials fail are dearer than any other.
 pub(super) fn least<T>(start: f32, trial: &mut dyn FnMut(f32) -> Result<(T, f64)>) -> std::result::Result<T, Missed> {
     let mut best: Option<(T, f64, f64)> = None;
-    let mut points: Vec<(f64, f64)> = Vec::new();
+    let mut points: Vec<Point> = Vec::new();
     let mut failure = None;
-    let mut attempt = |at: f64, points: &mut Vec<(f64, f64)>, best: &mut Option<(T, f64, f64)>| {
+    let mut attempt = |at: f64, points: &mut Vec<Point>, best: &mut Option<(T, f64, f64)>| {
         let cost = match trial(at.exp() as f32) {
             Ok((value, cost)) => {
                 if best.as_ref().is_none_or(|(_, _, least)| cost < *least) {
@@ -157,8 +161,8 @@ pub(super) fn least<T>(start: f32, trial: &mut dyn FnMut(f32) -> Result<(T, f64)
 }
 
 /// Place of the minimum of the parabola through the point at `at` and its neighbours, and how far below it that is.
-fn vertex(points: &[(f64, f64)], at: f64) -> Option<(f64, f64)> {
-    let mut sorted: Vec<(f64, f64)> = points.iter().copied().filter(|(_, cost)| cost.is_finite()).collect();
+fn vertex(points: &[Point], at: f64) -> Option<(f64, f64)> {
+    let mut sorted: Vec<Point> = points.iter().copied().filter(|(_, cost)| cost.is_finite()).collect();
     sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
     let middle = sorted.iter().position(|p| p.0 == at)?;
     let [a, b, c] = sorted.get(middle.checked_sub(1)?..middle + 2)?.try_into().ok()?;
