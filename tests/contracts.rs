@@ -164,7 +164,7 @@ proptest! {
         values[0] = 1.0;
         if !per_channel {
             for i in 0..n {
-                if !(values[i] >= 0.0) { values[n + i] = -1.0; values[2 * n + i] = -1.0; }
+                if values[i].is_nan() || values[i] < 0.0 { values[n + i] = -1.0; values[2 * n + i] = -1.0; }
                 else { values[n + i] = values[n + i].abs().min(1e30); values[2 * n + i] = values[2 * n + i].abs().min(1e30); }
             }
         }
