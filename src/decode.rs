@@ -1,8 +1,10 @@
 //! The reader: opens a file, rebuilds single blocks or the whole table (spec section 5).
 
+use std::borrow::Cow;
 use std::sync::OnceLock;
 
 use crate::block::{Block, Partition, positions};
+use crate::correct::{self, Decoded, correct};
 use crate::entropy::{self, Walk};
 use crate::error::{Error, Result};
 use crate::format::directory::{self, Directory};
@@ -25,11 +27,12 @@ use crate::table::BrdfTable;
 use crate::tone::{inverse_tone_map, inverse_tone_map_f64};
 use crate::zeros::{self, code_zeros};
 
-/// First contexts of the range coder for coefficients (from 0), masks, zeros.
+/// First contexts of the range coder for coefficients (from 0), masks, zeros, corrections.
 pub(crate) const MASKS: usize = entropy::CONTEXTS;
 pub(crate) const ZEROS: usize = MASKS + mask::CONTEXTS;
+pub(crate) const CORRECTIONS: usize = ZEROS + zeros::CONTEXTS;
 /// Number of contexts of the range coder; drafts 1 and 2 end before the zeros.
-pub(crate) const CONTEXTS: usize = ZEROS + zeros::CONTEXTS;
+pub(crate) const CONTEXTS: usize = CORRECTIONS + correct::CONTEXTS;
 
 /// An open file over bytes in memory or in a map. Shared freely between threads; decoding takes `&self`.
 pub struct Reader<D> {
@@ -65,6 +68,8 @@ pub struct Scratch {
     /// Log values, `[channel][position]`.
     pub(crate) log: Vec<f32>,
     lines: Vec<f32>,
+    corrections: Vec<i32>,
+    correct: correct::Walk,
 }
 
 /// Where an entry of a decoded table comes from.
@@ -139,14 +144,19 @@ impl Header {
     }
 
     /// Decodes a record's masks and coefficients into the scratch. Masks: `[channel][position]` or one for all.
-    fn decode_record(&self, block: &Block, record: &Record, scratch: &mut Scratch) -> Result<(), &'static str> {
+    fn decode_record(
+        &self,
+        block: &Block,
+        class: ValidityClass,
+        decoder: &mut Decoder,
+        scratch: &mut Scratch,
+    ) -> Result<(), &'static str> {
         let n = block.positions();
         let channels = self.grid.channels().len();
-        let mut decoder = Decoder::new(&self.probabilities, record.coded);
-        self.decode_masks(block, record.class, &mut decoder, &mut scratch.masks);
+        self.decode_masks(block, class, decoder, &mut scratch.masks);
         scratch.coefficients.clear();
         scratch.coefficients.resize(channels * n, 0);
-        if record.class == ValidityClass::None {
+        if class == ValidityClass::None {
             scratch.extents.clear();
             scratch.extents.resize(channels, [0; 4]);
             scratch.zeros.clear();
@@ -155,16 +165,12 @@ impl Header {
         scratch.zeros.clear();
         if self.coding.zeros {
             scratch.zeros.resize(channels * n, false);
-            code_zeros(&mut decoder, ZEROS, block.shape, &scratch.masks, &mut scratch.zeros);
+            code_zeros(decoder, ZEROS, block.shape, &scratch.masks, &mut scratch.zeros);
         }
         scratch
             .walk
-            .code(&mut decoder, block.shape, &mut scratch.coefficients, &mut scratch.extents)
-            .map_err(|_| "an extent or a coefficient is out of range")?;
-        if decoder.unread() > 0 {
-            return Err("bytes are left over after the last coefficient");
-        }
-        Ok(())
+            .code(decoder, block.shape, &mut scratch.coefficients, &mut scratch.extents)
+            .map_err(|_| "an extent or a coefficient is out of range")
     }
 
     fn decode_masks(&self, block: &Block, class: ValidityClass, decoder: &mut Decoder, masks: &mut Vec<bool>) {
@@ -190,7 +196,33 @@ impl Header {
         means: &[i32],
         scratch: &mut Scratch,
     ) -> Result<(), &'static str> {
-        self.decode_record(block, record, scratch)?;
+        let mut decoder = Decoder::new(&self.probabilities, record.coded);
+        self.decode_record(block, record.class, &mut decoder, scratch)?;
+        self.synthesize(block, means, scratch)?;
+        if let Some(step) = self.coding.correction.filter(|_| record.class != ValidityClass::None) {
+            let Scratch { masks, zeros, log, corrections, .. } = scratch;
+            corrections.clear();
+            corrections.resize(log.len(), 0);
+            let correctable = without_zeros(masks, zeros);
+            let decoded = Decoded { shape: block.shape, masks: &correctable, log, step };
+            scratch
+                .correct
+                .code(&mut decoder, CORRECTIONS, decoded, corrections)
+                .map_err(|_| "a correction is out of range")?;
+            correct(log, corrections, step);
+        }
+        if decoder.unread() > 0 {
+            return Err("bytes are left over at its end");
+        }
+        for (log, _) in scratch.log.iter_mut().zip(&scratch.zeros).filter(|(_, zero)| **zero) {
+            // exp of it is zero, and so is the value.
+            *log = f32::NEG_INFINITY;
+        }
+        Ok(())
+    }
+
+    /// Log values in `scratch.log`, before corrections, from the coefficients and extents in the scratch.
+    fn synthesize(&self, block: &Block, means: &[i32], scratch: &mut Scratch) -> Result<(), &'static str> {
         let n = block.positions();
         scratch.log.clear();
         scratch.log.resize(scratch.coefficients.len(), 0.0);
@@ -207,11 +239,24 @@ impl Header {
             profile.add(block, &mut scratch.log);
         }
         self.coding.transform.inverse(&mut scratch.log, self.grid.channels().len());
-        for (log, _) in scratch.log.iter_mut().zip(&scratch.zeros).filter(|(_, zero)| **zero) {
-            // exp of it is zero, and so is the value.
-            *log = f32::NEG_INFINITY;
-        }
         Ok(())
+    }
+
+    /// What [`Header::rebuild`] gives before corrections and zeros, of coefficients and extents that are not coded yet.
+    #[cfg(feature = "encode")]
+    pub(crate) fn rebuild_uncoded(
+        &self,
+        block: &Block,
+        coefficients: &[i32],
+        extents: &[Extents],
+        means: &[i32],
+        scratch: &mut Scratch,
+    ) -> Result<(), &'static str> {
+        scratch.coefficients.clear();
+        scratch.coefficients.extend_from_slice(coefficients);
+        scratch.extents.clear();
+        scratch.extents.extend_from_slice(extents);
+        self.synthesize(block, means, scratch)
     }
 
     /// Masks of all channels, `[channel][position]`, from what the scratch holds after a decode.
@@ -221,6 +266,14 @@ impl Header {
         let copies = if scratch.masks.len() == total { 1 } else { channels };
         scratch.masks.repeat(copies)
     }
+}
+
+/// Validity less exact zeros, which take no correction.
+pub(crate) fn without_zeros<'a>(masks: &'a [bool], zeros: &[bool]) -> Cow<'a, [bool]> {
+    if !zeros.contains(&true) {
+        return masks.into();
+    }
+    zeros.iter().enumerate().map(|(i, zero)| masks[i % masks.len()] && !zero).collect::<Vec<_>>().into()
 }
 
 /// Dequantises the coefficients below the extents; the others stay zero.
@@ -331,6 +384,18 @@ impl<D: AsRef<[u8]>> Reader<D> {
     /// `InvalidArgument` if there is no such block.
     pub fn block_values(&self, block: usize) -> Result<usize> {
         Ok(self.place(block)?.positions() * self.grid().channels().len())
+    }
+
+    /// Bytes of the file.
+    #[cfg(feature = "encode")]
+    pub(crate) fn len(&self) -> usize {
+        self.data.as_ref().len()
+    }
+
+    /// Bounds on a block's rms and largest error that the index states.
+    #[cfg(feature = "encode")]
+    pub(crate) fn stated_errors(&self, block: usize) -> (f32, f32) {
+        self.index.errors(block)
     }
 
     /// Provenance and encoder report; empty if the file has none.

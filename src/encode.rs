@@ -2,13 +2,16 @@
 
 mod adapt;
 mod blocks;
+mod bound;
 mod choose;
+pub mod contract;
 mod dense;
 mod estimate;
 mod fill;
 mod grazing;
 mod pack;
 mod recover;
+mod search;
 mod shape;
 mod stages;
 mod tiles;
@@ -18,7 +21,7 @@ mod trend;
 use std::time::Instant;
 
 use rayon::prelude::*;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::block::Partition;
 use crate::channel::ChannelTransform;
@@ -29,8 +32,11 @@ use crate::format::{EPS_RANGE, STEP_RANGE};
 use crate::fourier::Basis;
 use crate::sample::Sampling;
 use crate::table::BrdfTable;
+use crate::tone::tone_map;
 use blocks::{Quantized, fill_empty_means, shrink};
+use bound::Bound;
 use choose::fit_horizon;
+use contract::Contract;
 use dense::Dense;
 use estimate::{Estimate, Estimator, Stiffness};
 use recover::Solves;
@@ -87,6 +93,7 @@ pub struct Encoder {
     profile: bool,
     eps: f64,
     channels: Channels,
+    contract: Option<Contract>,
     metadata: Metadata,
 }
 
@@ -108,6 +115,10 @@ pub struct Report {
     pub valid: usize,
     /// Sampled ones among these.
     pub sampled: usize,
+    /// Entries that were corrected, to keep a largest error.
+    pub corrected: usize,
+    /// Quantiser step.
+    pub step: f32,
     /// Blocks.
     pub blocks: usize,
     /// Root mean square error of ln(f + eps) over the valid entries.
@@ -122,6 +133,15 @@ pub struct Report {
     pub missed_sigma: usize,
     /// Wall seconds of the whole encode.
     pub seconds: f64,
+}
+
+/// An encode but for its metadata.
+struct Trial {
+    packed: pack::Packed,
+    partition: Partition,
+    /// Of the table, to name block shapes by.
+    axes: usize,
+    report: Report,
 }
 
 impl Default for Encoder {
@@ -148,6 +168,7 @@ impl Encoder {
             profile: true,
             eps: 1e-3,
             channels: Channels::Opponent,
+            contract: None,
             metadata: Metadata::default(),
         }
     }
@@ -266,6 +287,12 @@ impl Encoder {
         Encoder { channels, ..self }
     }
 
+    /// What the file must keep: the step is then searched for, in up to some six encodes, and [`Encoder::quality`] is
+    /// where the search begins at most. Errors count at all valid entries, sampled or not.
+    pub fn contract(self, contract: Contract) -> Encoder {
+        Encoder { contract: Some(contract), ..self }
+    }
+
     /// Provenance to store; the encoder adds its settings and what it achieved.
     pub fn metadata(self, metadata: Metadata) -> Encoder {
         Encoder { metadata, ..self }
@@ -302,7 +329,7 @@ impl Encoder {
         if self.sigma.is_some_and(|sigma| !(sigma.is_finite() && sigma >= 0.0)) {
             return bad("sigma must be finite and not negative".into());
         }
-        Ok(())
+        self.contract.map_or(Ok(()), Contract::check)
     }
 
     /// Encodes a table. The same table, settings and seed give the same bytes, whatever the number of threads. (On
@@ -311,7 +338,8 @@ impl Encoder {
     /// Missing entries are filled by the same recovery and stay marked as missing.
     ///
     /// # Errors
-    /// `InvalidArgument` if a setting is out of range or no entry is valid.
+    /// `InvalidArgument` if a setting is out of range or no entry is valid; `ContractNotMet` if the contract cannot be
+    /// kept, with the best that was reached.
     pub fn encode(&self, table: &BrdfTable) -> Result<Encoded> {
         self.encode_with(table, &|_| {})
     }
@@ -325,12 +353,14 @@ impl Encoder {
                 "the table has no valid entry: all are negative, NaN or infinite; nothing to encode".into(),
             ));
         }
-        let transform = self.choose_transform(table);
-        let dense = self.dense(table, &transform);
-        let (partition, share) = self.choose_partition(table, &transform, dense.as_ref(), progress)?;
-        let mut encoded = self.encode_partition(table, transform, dense.as_ref(), partition, &|done| {
-            progress(share + (1.0 - share) * done);
-        })?;
+        let mut encoded = match self.contract {
+            Some(contract) => contract::fulfil(self, contract, table, progress)?,
+            None => {
+                let dense = self.dense(table, &self.choose_transform(table));
+                let trial = self.trial(table, dense.as_ref(), progress)?;
+                Encoded { bytes: self.finish(&trial, None)?, report: trial.report }
+            }
+        };
         encoded.report.seconds = start.elapsed().as_secs_f64();
         Ok(encoded)
     }
@@ -339,6 +369,18 @@ impl Encoder {
     fn dense(&self, table: &BrdfTable, transform: &ChannelTransform) -> Option<Dense> {
         let every = self.sampling == Sampling::Every && !self.whole_table();
         every.then(|| Dense::new(table, transform, self.eps, self.basis == Basis::Dct, self.profile, self.step))
+    }
+
+    /// One encode at the encoder's step; `dense` is the table made ready for it, if that is to be.
+    fn trial(&self, table: &BrdfTable, dense: Option<&Dense>, progress: &(dyn Fn(f64) + Sync)) -> Result<Trial> {
+        let transform = self.choose_transform(table);
+        let (partition, share) = self.choose_partition(table, &transform, dense, progress)?;
+        self.encode_partition(table, transform, dense, partition, &|done| progress(share + (1.0 - share) * done))
+    }
+
+    /// The bytes of a trial's file, with what it says of its contract.
+    fn finish(&self, trial: &Trial, contract: Option<Value>) -> Result<Vec<u8>> {
+        Ok(trial.packed.finish(&self.describe(trial, contract)?.write()?))
     }
 
     /// The table recovered as a whole, if that is what the settings ask for.
@@ -389,7 +431,7 @@ impl Encoder {
         dense: Option<&Dense>,
         partition: Partition,
         progress: &(dyn Fn(f64) + Sync),
-    ) -> Result<Encoded> {
+    ) -> Result<Trial> {
         let estimate = self.estimate(table, &transform, &partition, &|done| progress(0.8 * done));
         let share = if estimate.is_some() { 0.8 } else { 0.0 };
         let recover = |done| progress(share + (0.9 - share) * done);
@@ -400,8 +442,6 @@ impl Encoder {
                 .collect::<Result<_>>()?,
         };
         fill_empty_means(&mut blocks, table.grid().channels().len());
-        let shapes: Vec<Vec<usize>> =
-            partition.shapes().iter().map(|s| s[4 - table.grid().axes().len()..].to_vec()).collect();
         let coding = Coding {
             basis: self.basis,
             eps: self.eps,
@@ -412,15 +452,19 @@ impl Encoder {
             shrink: shrink(&blocks),
             horizon: fit_horizon(table),
             zeros: dense.is_some_and(|dense| dense.zeros),
+            correction: None,
         };
+        let bound = self.bound(table)?;
         let profile = dense.and_then(|dense| dense.profile.clone());
-        let packed = pack::pack(table, coding, partition, profile, &blocks)?;
+        let packed = pack::pack(table, coding, partition.clone(), profile, &blocks, bound)?;
         let mut cost = estimate.map_or(Solves::default(), |estimate| estimate.cost);
         blocks.iter().for_each(|block| cost += block.cost);
         let report = Report {
             entries: table.values().len(),
             valid: table.valid_count(),
             sampled: if dense.is_some() { table.valid_count() } else { blocks.iter().map(|b| b.sampled).sum() },
+            corrected: packed.corrected,
+            step: self.step,
             blocks: blocks.len(),
             log_rms: packed.log_rms,
             log_max: packed.log_max,
@@ -429,16 +473,27 @@ impl Encoder {
             missed_sigma: cost.missed,
             seconds: 0.0,
         };
-        let metadata = self.describe(&report, &shapes)?;
-        let bytes = packed.finish(&metadata.write()?);
         progress(1.0);
-        Ok(Encoded { bytes, report })
+        Ok(Trial { packed, partition, axes: table.grid().axes().len(), report })
+    }
+
+    /// The largest error to keep by corrections, if that is the contract.
+    fn bound(&self, table: &BrdfTable) -> Result<Option<Bound>> {
+        let Some(Contract::MaxError(max_error)) = self.contract else { return Ok(None) };
+        let n = table.grid().positions();
+        let valid = table.values().iter().zip(table.valid()).enumerate().filter(|(_, (_, valid))| **valid);
+        let scaled = valid.map(|(i, (value, _))| (value * table.grid().channels()[i / n].scale).min(f64::MAX));
+        let (least, most) = scaled.fold((f64::INFINITY, 0f64), |(least, most), f| (least.min(f), most.max(f)));
+        let largest = [least, most].map(|f| tone_map(f, self.eps).abs()).into_iter().fold(0.0, f64::max);
+        Bound::new(max_error, largest + max_error).map(Some)
     }
 
     /// The caller's metadata with the encoder's settings and results.
-    fn describe(&self, report: &Report, shapes: &[Vec<usize>]) -> Result<Metadata> {
+    fn describe(&self, trial: &Trial, contract: Option<Value>) -> Result<Metadata> {
+        let report = &trial.report;
+        let shapes: Vec<&[usize]> = trial.partition.shapes().iter().map(|s| &s[4 - trial.axes..]).collect();
         let tool = concat!("csbrdf ", env!("CARGO_PKG_VERSION"));
-        let encoder = json!({
+        let mut encoder = json!({
             "basis": self.basis.as_str(),
             "block_shapes": shapes,
             "sampling": self.base_sampling().ratio(),
@@ -454,6 +509,10 @@ impl Encoder {
             "log_rms": report.log_rms,
             "log_max": report.log_max,
         });
+        if let Some(contract) = contract {
+            encoder["contract"] = contract;
+            encoder["corrected"] = report.corrected.into();
+        }
         Ok(Metadata { tool: Some(tool.into()), encoder: Some(encoder), ..self.metadata.clone() })
     }
 

@@ -198,7 +198,7 @@ struct Neighbours {
 }
 
 /// Extents of the nonzero coefficients, the first one left aside.
-fn find_extents(shape: [usize; 4], plane: &[i32]) -> Extents {
+pub(crate) fn find_extents(shape: [usize; 4], plane: &[i32]) -> Extents {
     let mut extents = [0; 4];
     for (row, line) in plane.chunks_exact(shape[3]).enumerate() {
         let line = if row == 0 { &line[1..] } else { line };
@@ -228,7 +228,12 @@ fn code_below<C: Coder>(coder: &mut C, contexts: usize, n: usize, value: usize) 
 }
 
 /// A number from 0: the count of its bits in unary, the second-highest bit under a context of its own, the rest raw.
-fn code_number<C: Coder>(coder: &mut C, unary: usize, mantissa: usize, value: u32) -> Result<u32, OutOfRange> {
+pub(crate) fn code_number<C: Coder>(
+    coder: &mut C,
+    unary: usize,
+    mantissa: usize,
+    value: u32,
+) -> Result<u32, OutOfRange> {
     let length = u32::BITS - value.leading_zeros();
     let mut bits = 0;
     while coder.bit(unary + bits as usize, bits < length) {

@@ -46,6 +46,8 @@ pub enum Error {
         /// The largest value allowed.
         limit: u64,
     },
+    /// An encoder's contract cannot be met, or a file breaks the one that it states.
+    ContractNotMet(String),
     /// An argument of the call is out of its range.
     InvalidArgument(String),
     /// Any of the above, in a named file.
@@ -112,7 +114,7 @@ impl fmt::Display for Error {
             Error::LimitExceeded { what, got, limit } => {
                 write!(f, "{what} is {got}, above the limit of {limit}; raise the limit if the file is trusted")
             }
-            Error::InvalidArgument(what) => write!(f, "{what}"),
+            Error::ContractNotMet(what) | Error::InvalidArgument(what) => write!(f, "{what}"),
             Error::InFile { path, source } => write!(f, "{}: {source}", path.display()),
         }
     }

@@ -22,8 +22,7 @@ pub const VERSION: (u16, u16, u16) = (1, 0, 3);
 pub const OLDEST_DRAFT: u16 = 1;
 /// First draft whose records may double the sampling ratio.
 const DOUBLINGS_DRAFT: u16 = 2;
-
-/// First draft with a coded index, codes of probabilities, exact zeros, grazing profiles.
+/// First draft with a coded index, codes of probabilities, exact zeros, grazing profiles, corrections.
 const COMPACT_DRAFT: u16 = 3;
 
 /// Whether this build reads files of a draft; 0 is final, and after every draft.
@@ -113,8 +112,9 @@ mod tests {
 
     /// A final version comes after all drafts: what they brought stays.
     #[test]
-    fn doublings_stay_when_the_version_is_final() {
+    fn what_drafts_brought_stays_when_the_version_is_final() {
         assert_eq!([0, 1, 2, 3].map(may_double), [true, false, true, true]);
+        assert_eq!([0, 1, 2, 3, 4].map(is_compact), [true, false, false, true, true]);
         assert_eq!(
             [OLDEST_DRAFT - 1, OLDEST_DRAFT, VERSION.2, VERSION.2 + 1].map(reads_draft),
             [false, true, true, false]

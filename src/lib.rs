@@ -54,6 +54,7 @@ mod bits;
 pub mod block;
 pub mod channel;
 pub mod coords;
+mod correct;
 pub mod decode;
 #[cfg(feature = "encode")]
 pub mod encode;
@@ -73,6 +74,8 @@ pub mod metrics;
 #[cfg(feature = "encode")]
 pub mod plan;
 mod profile;
+#[cfg(feature = "encode")]
+pub mod proof;
 pub mod quantize;
 mod range;
 #[cfg(feature = "encode")]

@@ -2,6 +2,7 @@
 #![cfg(feature = "encode")]
 
 use csbrdf::decode::Reader;
+use csbrdf::encode::contract::Contract;
 use csbrdf::encode::{Encoder, Preset};
 use csbrdf::error::Error;
 use csbrdf::format::{END_MARKER, Limits, MAGIC};
@@ -115,7 +116,7 @@ fn foreign_and_newer_files_are_named() {
     assert!(says(b"<html>not found</html>").contains("text"));
     assert!(says(&90i32.to_le_bytes().repeat(3)).contains("MERL"));
     assert!(says(&[0; 100]).contains("not a csbrdf file"));
-    for (at, name) in [(8, "version 2.0 draft 2"), (12, "version 1.0 draft 3")] {
+    for (at, name) in [(8, "version 2.0 draft 3"), (12, "version 1.0 draft 4")] {
         let mut newer = file().to_vec();
         newer[at] += 1;
         assert!(says(&newer).contains(name), "{}", says(&newer));
@@ -142,6 +143,18 @@ fn calls_with_wrong_arguments_are_refused() {
     assert!(reader.block_into(0, &mut [0.0; 7]).is_err());
     assert!(reader.block_info(usize::MAX).is_err());
     assert!(reader.block_origin(usize::MAX).is_err());
+}
+
+#[test]
+fn corrected_files_are_checked_as_well() {
+    let encoder = Encoder::new().block_shape(&[5, 6, 8]).contract(Contract::MaxError(0.02));
+    let encoded = encoder.encode(&table()).unwrap();
+    assert!(encoded.report.corrected > 0);
+    for bit in (0..8 * encoded.bytes.len()).step_by(13) {
+        let mut bad = encoded.bytes.clone();
+        bad[bit / 8] ^= 1 << (bit % 8);
+        assert!(first_error(&bad).is_some(), "bit {bit}");
+    }
 }
 
 #[test]

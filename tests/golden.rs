@@ -62,6 +62,7 @@ fn golden_files_cover_the_features() {
         features.push(if coding.transform == ChannelTransform::None { "separate" } else { "matrix" });
         features.push(if coding.sampling == Sampling::Every { "every" } else { "bernoulli" });
         features.push(if coding.horizon.is_some() { "horizon" } else { "no horizon" });
+        features.push(if coding.correction.is_some() { "corrections" } else { "no corrections" });
         features.push(["", "1-D", "2-D", "3-D", "4-D"][reader.grid().axes().len()]);
         features.push(if reader.grid().channels().len() > 16 { "spectral" } else { "few channels" });
         features.push(if reader.partition().shapes().len() > 1 { "tiled" } else { "uniform" });
@@ -72,7 +73,7 @@ fn golden_files_cover_the_features() {
     }
     let wanted =
         ["dct", "dft", "separate", "matrix", "every", "bernoulli", "horizon", "no horizon", "spectral", "tiled"];
-    for feature in wanted.iter().chain(&["1-D", "3-D", "4-D", "uniform"]) {
+    for feature in wanted.iter().chain(&["1-D", "3-D", "4-D", "uniform", "corrections", "no corrections"]) {
         assert!(features.contains(feature), "no golden file with {feature}");
     }
     for class in ValidityClass::ALL {

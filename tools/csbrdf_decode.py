@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A plain decoder of .csbrdf files (format 1.0, drafts 1 and 2), written from csbrdf.md for reading along with it.
+"""A plain decoder of .csbrdf files (format 1.0, drafts 1 to 3), written from csbrdf.md for reading along with it.
 
     csbrdf_decode.py FILE...                   name and CRC-32 of the values, the binary64 values / scale, the validity
     csbrdf_decode.py --check HASHES [FILE...]  compare these with a list; exit 1 on a difference
@@ -24,7 +24,8 @@ import numpy as np
 F32, F64 = np.float32, np.float64
 AXES = ["other", "theta_h", "phi_h", "theta_d", "phi_d", "theta_i", "phi_i", "theta_o", "phi_o"]
 ALL, NONE, HORIZON, MASK, MASK_PER_CHANNEL = range(5)  # classes of validity, 3.8
-ANY, EXTENT, ROW, SIGNIFICANT, EXPONENT, MANTISSA, MASKS, CONTEXTS = 0, 3, 195, 276, 708, 1308, 1333, 1397  # 4.6
+ANY, EXTENT, ROW, SIGNIFICANT, EXPONENT, MANTISSA, MASKS = 0, 3, 195, 276, 708, 1308, 1333  # 4.6
+C_ANY, C_ROW, C_PRESENT, C_EXPONENT, C_MANTISSA, C_SIGN = 1397, 1400, 1409, 1509, 1559, 1584  # 4.9
 LEVEL = [0, 1, 2, 3, 4, 5, 6, 7, 7] + [8] * 3 + [9] * 5 + [10] * 12  # 4.6, above: 11
 
 
@@ -148,7 +149,7 @@ class File:
         c.check(major == 1, f"major version {major} is not known")
         minor = c.get("H", "minor version")
         draft = c.get("H", "draft")
-        c.check(draft in (1, 2), f"draft {draft} of version {major}.{minor} is not known")
+        c.check(draft in (1, 2, 3), f"draft {draft} of version {major}.{minor} is not known")
         self.draft = draft
         count = c.get("H", "number of sections", 1, 64)
         c.check(c.get("Q", "length of the file") == len(self.data), f"the file has {len(self.data)} bytes")
@@ -229,6 +230,11 @@ class File:
         if matrix:
             self.matrix = [[F32(c.get("f", "entry of the matrix", -F32(1.001), F32(1.001))) for _ in self.step]
                            for _ in self.step]
+        self.correction = F32(0)
+        if self.draft >= 3:
+            raw = c.get("f", "correction step", F32(0), F32(1e6))
+            c.check(struct.pack("<f", raw) == bytes(4) or raw >= F32(1e-12), f"correction step is {raw}")
+            self.correction = F32(raw)
 
     def part(self, c):
         """3.4 PART. Only the axes that GRID lists are stored; the ones in front have length 1."""
@@ -255,10 +261,11 @@ class File:
 
     def prob(self, c):
         """3.5 PROB."""
-        c.get("H", "number of contexts", CONTEXTS, CONTEXTS)
-        bits = int.from_bytes(c.bytes(-(-CONTEXTS // 8)), "little")
-        c.check(bits >> CONTEXTS == 0, "padding is not 0")
-        self.probabilities = [c.get("H", "probability", 1) if bits >> i & 1 else 32768 for i in range(CONTEXTS)]
+        contexts = 1593 if self.draft >= 3 else 1397
+        c.get("H", "number of contexts", contexts, contexts)
+        bits = int.from_bytes(c.bytes(-(-contexts // 8)), "little")
+        c.check(bits >> contexts == 0, "padding is not 0")
+        self.probabilities = [c.get("H", "probability", 1) if bits >> i & 1 else 32768 for i in range(contexts)]
 
     def indx(self, c):
         """3.6 INDX. The blocks are listed here as well: their number must be that of the partition."""
@@ -308,6 +315,7 @@ class File:
         first, shape = self.blocks[number]
         valid = np.zeros((self.channels,) + shape, np.uint8)
         q = np.zeros((self.channels,) + shape, np.int64)
+        coder = None
         if validity_class == NONE:
             c.check(not coded, "coded bytes in a block without valid entries")
         else:
@@ -318,13 +326,17 @@ class File:
                 before = coefficients(coder, channel, shape, before, c)
                 for place, value in before.values.items():
                     q[(channel,) + place] = value
-            c.check(coder.pos >= len(coded), "not all coded bytes are used")
         components = []
         for t in range(self.channels):
             s = dequantize(q[t], self.shrink, self.step[t])
             s[0, 0, 0, 0] = F32(self.means[number][t]) * self.step[t]
             components.append(synthesize_dft(s) if self.dft else synthesize_dct(s))
-        return self.inverse_channel_transform(components), valid
+        log = self.inverse_channel_transform(components)
+        if coder:
+            if self.correction > 0:
+                log = log + corrections(coder, log, valid, self.correction, c).astype(F32) * self.correction
+            c.check(coder.pos >= len(coded), "not all coded bytes are used")
+        return log, valid
 
     def samples(self, number):
         """4.3: how many entries of each channel of a block are samples."""
@@ -539,16 +551,66 @@ def level(x):
 
 def nonzero(coder, exponent, cursor):
     """4.6, step 4: EXPONENT, MANTISSA, raw bits and sign of a nonzero coefficient."""
+    magnitude = 1 + number(coder, exponent, MANTISSA, cursor)
+    return -magnitude if coder.raw(1) else magnitude
+
+
+def number(coder, exponent, mantissa, cursor):
+    """4.6, step 4: a magnitude less 1."""
     b = 0
     while coder.bit(exponent + b):
         b += 1
         cursor.check(b <= 24, "an exponent of more than 24 ones")
     u = min(b, 1)
     if b >= 2:
-        u = 2 + coder.bit(MANTISSA + b)
+        u = 2 + coder.bit(mantissa + b)
         u = u << (b - 2) | coder.raw(b - 2)
-    cursor.check(u < 1 << 24, "a coefficient of more than 2^24")
-    return -(u + 1) if coder.raw(1) else u + 1
+    cursor.check(u < 1 << 24, "a magnitude of more than 2^24")
+    return u
+
+
+def corrections(coder, log, valid, step, cursor):
+    """4.9: the corrections of a block, [channel][axes]; log values before correction."""
+    shape = log.shape[1:]
+    result = np.zeros(log.shape, np.int64)
+    slope = np.zeros(log.shape, F32)  # the largest difference to the neighbours along axes 2 and 3
+    for axis in (3, 4):
+        difference = np.abs(np.diff(log, axis=axis))
+        for skip in (slice(1, None), slice(None, -1)):
+            part = slope[(slice(None),) * axis + (skip,)]
+            np.maximum(part, difference, out=part)
+    slope_class = sum((slope >= F32(t) * step).astype(int) for t in (0.25, 0.5, 1, 2))
+    elder, sister = Channel(), Channel()
+    any_before = 0
+    for channel in range(len(log)):
+        now = Channel()
+        found = coder.bit(C_ANY + any_before)
+        any_before = 1 + found
+        rows, values = now.rows, now.m  # here m holds the corrections themselves
+        for i, j, k in np.ndindex(*shape[:3]) if found else ():
+            mask = valid[channel, i, j, k]
+            if not mask.any():
+                continue
+            near = rows[i, j, k - 1] + rows[i, j - 1, k]
+            if not coder.bit(C_ROW + near * 3 + (sister.rows[i, j, k] if channel else 2)):
+                continue
+            rows[i, j, k] = 1
+            for l in np.flatnonzero(mask).tolist():
+                left, above, front = values[i, j, k, l - 1], values[i, j, k - 1, l], values[i, j - 1, k, l]
+                before, size = sister.m[i, j, k, l], min(2, abs(sister.m[i, j, k, l]))
+                kind = [0, 1 + size, 4 + 2 * size + (elder.m[i, j, k, l] != 0)][min(channel, 2)]
+                corrected = left != 0 or above != 0 or front != 0
+                context = (kind * 5 + int(slope_class[channel, i, j, k, l])) * 2 + corrected
+                if not coder.bit(C_PRESENT + context):
+                    continue
+                large = max(abs(left), abs(above), abs(front), abs(before)) >= 2
+                magnitude = 1 + number(coder, C_EXPONENT + large * 25, C_MANTISSA, cursor)
+                nearest = left or above or front
+                sign = ((before > 0) - (before < 0) + 1) * 3 + (nearest > 0) - (nearest < 0) + 1
+                values[i, j, k, l] = -magnitude if coder.bit(C_SIGN + sign) else magnitude
+                result[channel, i, j, k, l] = values[i, j, k, l]
+        elder, sister = sister, now
+    return result
 
 
 class RangeDecoder:

@@ -7,6 +7,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use std::path::PathBuf;
 
 use csbrdf::block::Partition;
+use csbrdf::encode::contract::Contract;
 use csbrdf::encode::{Encoder, Preset};
 use csbrdf::format::metadata::Metadata;
 use csbrdf::fourier::Basis;
@@ -98,15 +99,30 @@ fn features() -> Result<Vec<(&'static str, Encoder, BrdfTable)>, Failure> {
     let short = BrdfTable::from_values(short, (0..15).map(|i| 0.1 + f64::from(i * i % 7)).collect())?;
     let fine = recipe("mirror-like")?.synthesise(&small([6, 6, 8])?)?;
 
+    // Few steps to the coefficients, many corrections: holes that differ by channel, four channels, spikes.
+    let axes = small([8, 9, 12])?.axes().to_vec();
+    let channel = |i: usize| Channel { name: format!("c{i}"), wavelength: None, scale: [1.0, 0.5, 2.0, 1.0][i] };
+    let grid = Grid::new(axes, (0..4).map(channel).collect())?;
+    let n = grid.positions();
+    let value = |i: usize| match i % n * 7 % 61 {
+        _ if i % 97 == 11 => -1.0,
+        3 => 1e5,
+        5 => 1e-9 * (i / n) as f64,
+        p => 0.2 + 0.1 * (p as f64 * 0.3).sin() + 0.01 * (i / n) as f64,
+    };
+    let spiky = BrdfTable::from_values(grid, (0..4 * n).map(value).collect())?;
+    let glossy = Recipe { noise: 0.02, ..recipe("rough-metal")? }.synthesise(&small([18, 18, 30])?)?;
+    let corrected = |shape: &[usize], e| Encoder::new().block_shape(shape).contract(Contract::MaxError(e));
+
     let ratio = Sampling::from_ratio(0.2).ok_or("a ratio")?;
     let by_block = recipe("satin-paint")?.synthesise(&small([12, 12, 24])?)?;
     let by_block_encoder = Encoder::new().preset(Preset::Sparse).block_shape(&[6, 6, 8]).sampling_for(0.03).seed(9);
     let paper = Encoder::new().preset(Preset::Paper).block_shape(&[6, 6, 10]).sampling(ratio).seed(42);
     let coarse_encoder = Encoder::new().basis(Basis::Dft).block_shape(&[2, 2, 5, 3]).quality(60.0).eps(1e-300);
     // A channel that is zero over a region, another at single entries, and a steep course near the horizon.
-    let glossy = Recipe { noise: 0.003, ..recipe("rough-metal")? }.synthesise(&small([30, 30, 60])?)?;
-    let n = glossy.grid().positions();
-    let mut values = glossy.values().to_vec();
+    let steep = Recipe { noise: 0.003, ..recipe("rough-metal")? }.synthesise(&small([30, 30, 60])?)?;
+    let n = steep.grid().positions();
+    let mut values = steep.values().to_vec();
     for (i, value) in values.iter_mut().enumerate().filter(|(_, value)| **value > 0.0) {
         let (h, d, p) = (i % n / 1800, i / 60 % 30, i % 60);
         let region = i / n == 2 && h.abs_diff(12) + d.abs_diff(8) + p.abs_diff(20) / 3 < 9;
@@ -114,7 +130,7 @@ fn features() -> Result<Vec<(&'static str, Encoder, BrdfTable)>, Failure> {
             *value = 0.0;
         }
     }
-    let zeros = BrdfTable::from_values(glossy.grid().clone(), values)?;
+    let zeros = BrdfTable::from_values(steep.grid().clone(), values)?;
     Ok(vec![
         ("dct-grazing-zeros", Encoder::new(), zeros),
         ("dct-opponent-mask", Encoder::new().block_shape(&[6, 5, 12]).metadata(metadata), masked),
@@ -126,6 +142,8 @@ fn features() -> Result<Vec<(&'static str, Encoder, BrdfTable)>, Failure> {
         ("dct-1d-single-positions", Encoder::new().block_shape(&[2]), short),
         ("dct-fine-step", Encoder::new().block_shape(&[6, 6, 8]).quality(1e-4), fine),
         ("dct-sampled-by-block", by_block_encoder, by_block),
+        ("dct-corrected-channels", corrected(&[4, 5, 12], 0.01), spiky),
+        ("dct-corrected-opponent", corrected(&[6, 6, 10], 0.05), glossy),
         ("dft-1d", Encoder::new().basis(Basis::Dft).block_shape(&[16]).quality(0.01), line),
     ])
 }

@@ -3,9 +3,11 @@
 use rayon::prelude::*;
 
 use super::blocks::{Quantized, gather_log};
+use super::bound::Bound;
 use crate::block::{Block, Partition};
-use crate::decode::{CONTEXTS, Header, MASKS, Scratch, ZEROS};
-use crate::entropy::Walk;
+use crate::correct::{self, Decoded};
+use crate::decode::{CONTEXTS, CORRECTIONS, Header, MASKS, Scratch, ZEROS, without_zeros};
+use crate::entropy::{Walk, find_extents};
 use crate::error::{Error, Result};
 use crate::format::MAX_MEANS;
 use crate::format::directory::{self, write_file};
@@ -26,6 +28,8 @@ const PROBABILITY_BITS: f64 = 16.0;
 pub(super) struct Packed {
     pub(super) log_rms: f64,
     pub(super) log_max: f64,
+    /// Entries with a correction.
+    pub(super) corrected: usize,
     grid: Vec<u8>,
     coding: Vec<u8>,
     partition: Vec<u8>,
@@ -59,13 +63,20 @@ fn classify(header: &Header, block: &Block, valid: &[bool]) -> (ValidityClass, V
     }
 }
 
+/// Buffers of a thread.
+#[derive(Default)]
+struct Buffers {
+    walk: Walk,
+    correct: correct::Walk,
+    scratch: Scratch,
+}
+
 /// What a record tells besides its coefficients.
-#[derive(Clone)]
 struct Told {
     class: ValidityClass,
     /// Masks that go into the record.
     masks: Vec<bool>,
-    /// Validity, of all channels or of each.
+    /// Validity, `[channel][position]`.
     valid: Vec<bool>,
     /// Exact zeros, if the file tells them.
     zeros: Vec<bool>,
@@ -74,7 +85,7 @@ struct Told {
 impl Told {
     fn new(table: &BrdfTable, header: &Header, block: &Block) -> Told {
         let n = block.positions();
-        let (_, valid) = gather_log(table, block, header.coding.eps);
+        let valid = gather_valid(table, block);
         let mut zeros = Vec::new();
         if header.coding.zeros {
             zeros.resize(valid.len(), false);
@@ -85,34 +96,73 @@ impl Told {
             }
         }
         let (class, masks) = classify(header, block, &valid);
-        let valid = if class == ValidityClass::MaskPerChannel { valid } else { valid[..n].to_vec() };
         Told { class, masks, valid, zeros }
-    }
-
-    /// Codes a record's masks, zeros and coefficients.
-    fn code<C: Coder>(&self, coder: &mut C, header: &Header, block: &Block, coefficients: &[i32], walk: &mut Walk) {
-        if self.class == ValidityClass::None {
-            return;
-        }
-        header.mask_model().code(coder, MASKS, block, &mut self.masks.clone());
-        if !self.zeros.is_empty() {
-            code_zeros(coder, ZEROS, block.shape, &self.valid, &mut self.zeros.clone());
-        }
-        let coded = walk.code(coder, block.shape, &mut coefficients.to_vec(), &mut Vec::new());
-        debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
     }
 }
 
-/// Codes the blocks, decodes them again and measures what came back.
+/// A block before it is coded.
+struct Uncoded<'a> {
+    block: Block,
+    told: &'a Told,
+    quantized: &'a Quantized,
+    means: &'a [i32],
+}
+
+impl Uncoded<'_> {
+    /// Its log values before corrections, in the scratch.
+    fn rebuild(&self, header: &Header, scratch: &mut Scratch) {
+        let shape = self.quantized.shape;
+        let n: usize = shape.iter().product();
+        let extents: Vec<_> = self.quantized.coefficients.chunks_exact(n).map(|q| find_extents(shape, q)).collect();
+        let rebuilt = header.rebuild_uncoded(&self.block, &self.quantized.coefficients, &extents, self.means, scratch);
+        debug_assert!(rebuilt.is_ok(), "the profile was decoded when it was fitted");
+    }
+
+    /// Codes masks, exact zeros, coefficients and, where the file has a correction step, corrections.
+    fn code<C: Coder>(&self, coder: &mut C, header: &Header, corrections: &[i32], buffers: &mut Buffers) {
+        let Told { class, masks, valid, zeros } = self.told;
+        if *class == ValidityClass::None {
+            return;
+        }
+        let shape = self.block.shape;
+        header.mask_model().code(coder, MASKS, &self.block, &mut masks.clone());
+        if !zeros.is_empty() {
+            let n: usize = shape.iter().product();
+            let common = *class != ValidityClass::MaskPerChannel;
+            code_zeros(coder, ZEROS, shape, if common { &valid[..n] } else { valid }, &mut zeros.clone());
+        }
+        let coded = buffers.walk.code(coder, shape, &mut self.quantized.coefficients.clone(), &mut Vec::new());
+        debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
+        if let Some(step) = header.coding.correction {
+            let mut corrections = corrections.to_vec();
+            if corrections.is_empty() {
+                corrections.resize(valid.len(), 0);
+            } else {
+                self.rebuild(header, &mut buffers.scratch);
+            }
+            let correctable = without_zeros(valid, zeros);
+            let decoded = Decoded { shape, masks: &correctable, log: &buffers.scratch.log, step };
+            let coded = buffers.correct.code(coder, CORRECTIONS, decoded, &mut corrections);
+            debug_assert!(coded.is_ok(), "the bound bounds the corrections");
+        }
+    }
+}
+
+/// Codes the blocks, corrects what is off by more than the bound, decodes them again and measures what came back.
+///
+/// Corrections are found on what the decoder makes of the coefficients; what is measured is what it makes of the record.
 pub(super) fn pack(
     table: &BrdfTable,
-    coding: Coding,
+    mut coding: Coding,
     partition: Partition,
     profile: Option<CodedProfile>,
     blocks: &[Quantized],
+    bound: Option<Bound>,
 ) -> Result<Packed> {
+    coding.correction = bound.map(|bound| bound.step);
     let place = |number: usize| partition.block(number).expect("one entry a block");
-    let flat = Header::new(table.grid().clone(), coding.clone(), partition.clone(), vec![1 << 15; CONTEXTS]);
+    let flat = Header::new(table.grid().clone(), coding.clone(), partition.clone(), vec![1 << 15; CONTEXTS])
+        .with_profile(profile.clone());
     let means: Vec<i32> = blocks.iter().flat_map(|b| b.means.iter().map(|mean| mean.unwrap_or(0))).collect();
     let components = table.grid().channels().len();
     if means.len() > MAX_MEANS {
@@ -121,14 +171,37 @@ pub(super) fn pack(
     }
     let told: Vec<Told> =
         (0..blocks.len()).into_par_iter().map(|number| Told::new(table, &flat, &place(number))).collect();
+    let uncoded = |number: usize| Uncoded {
+        block: place(number),
+        told: &told[number],
+        quantized: &blocks[number],
+        means: &means[number * components..(number + 1) * components],
+    };
+    let corrections: Vec<Vec<i32>> = match bound {
+        None => vec![Vec::new(); blocks.len()],
+        Some(bound) => (0..blocks.len())
+            .into_par_iter()
+            .map_init(Scratch::default, |scratch, number| {
+                let block = uncoded(number);
+                block.rebuild(&flat, scratch);
+                let (log, _) = gather_log(table, &block.block, coding.eps);
+                let correctable = without_zeros(&block.told.valid, &block.told.zeros);
+                bound.corrections(&log, &correctable, &scratch.log, cuts(coding.eps)).map_err(|left| {
+                    let what =
+                        format!("step {} is too coarse for the largest error: {left:.2e} is left", coding.steps[0]);
+                    Error::ContractNotMet(what)
+                })
+            })
+            .collect::<Result<_>>()?,
+    };
 
     let counter = (0..blocks.len())
         .into_par_iter()
         .fold(
-            || (Counter::new(CONTEXTS), Walk::default()),
-            |(mut counter, mut walk), number| {
-                told[number].code(&mut counter, &flat, &place(number), &blocks[number].coefficients, &mut walk);
-                (counter, walk)
+            || (Counter::new(CONTEXTS), Buffers::default()),
+            |(mut counter, mut buffers), number| {
+                uncoded(number).code(&mut counter, &flat, &corrections[number], &mut buffers);
+                (counter, buffers)
             },
         )
         .map(|(counter, _)| counter)
@@ -148,23 +221,21 @@ pub(super) fn pack(
 
     let coded: Vec<(Vec<u8>, BlockError)> = (0..blocks.len())
         .into_par_iter()
-        .map_init(
-            || (Walk::default(), Scratch::default()),
-            |(walk, scratch), number| {
-                let block = place(number);
-                let mut coder = Encoder::new(&header.probabilities);
-                told[number].code(&mut coder, &header, &block, &blocks[number].coefficients, walk);
-                let coded = coder.finish();
-                let class = told[number].class;
-                // Nothing to sample, nothing to double.
-                let doublings = if class == ValidityClass::None { 0 } else { blocks[number].doublings };
-                let record = Record { class, doublings, coded: &coded };
-                header
-                    .rebuild(&block, &record, &means[number * components..(number + 1) * components], scratch)
-                    .map_err(|what| Error::InvalidArgument(format!("block {number} does not decode: {what}")))?;
-                Ok((record.write(number as u32), measure(table, &block, header.coding.eps, &scratch.log)))
-            },
-        )
+        .map_init(Buffers::default, |buffers, number| {
+            let block = uncoded(number);
+            let mut coder = Encoder::new(&header.probabilities);
+            block.code(&mut coder, &header, &corrections[number], buffers);
+            let coded = coder.finish();
+            // Nothing to sample, nothing to double.
+            let class = block.told.class;
+            let doublings = if class == ValidityClass::None { 0 } else { blocks[number].doublings };
+            let record = Record { class, doublings, coded: &coded };
+            header
+                .rebuild(&block.block, &record, block.means, &mut buffers.scratch)
+                .map_err(|what| Error::InvalidArgument(format!("block {number} does not decode: {what}")))?;
+            let error = measure(table, &block.block, header.coding.eps, &buffers.scratch.log);
+            Ok((record.write(number as u32), error))
+        })
         .collect::<Result<_>>()?;
 
     let total = coded.iter().fold(BlockError::default(), |sum, (_, e)| BlockError {
@@ -185,6 +256,7 @@ pub(super) fn pack(
     Ok(Packed {
         log_rms: rms(&total),
         log_max: total.max,
+        corrected: corrections.iter().flatten().filter(|m| **m != 0).count(),
         grid: write_grid(&header.grid),
         coding: write_coding(&header.coding),
         partition: write_partition(&header.partition, header.grid.axes().len()),
@@ -195,13 +267,27 @@ pub(super) fn pack(
     })
 }
 
+/// The inverse tone map gives neither negative nor infinite values: logs are cut off there.
+fn cuts(eps: f64) -> [f64; 2] {
+    [eps.ln(), f64::MAX.ln()]
+}
+
+/// Validity of a block, `[channel][position]`.
+fn gather_valid(table: &BrdfTable, block: &Block) -> Vec<bool> {
+    let n = block.positions();
+    let mut valid = vec![false; n * table.grid().channels().len()];
+    for (channel, valid) in valid.chunks_exact_mut(n).enumerate() {
+        block.gather(table.grid().shape(), table.valid_plane(channel), valid);
+    }
+    valid
+}
+
 fn measure(table: &BrdfTable, block: &Block, eps: f64, decoded: &[f32]) -> BlockError {
     let (log, valid) = gather_log(table, block, eps);
-    let (floor, ceiling) = (eps.ln(), f64::MAX.ln());
+    let [floor, ceiling] = cuts(eps);
     let mut error = BlockError::default();
     for ((value, valid), decoded) in log.iter().zip(valid).zip(decoded) {
         if valid {
-            // The inverse tone map gives neither negative nor infinite values: the log is cut off there.
             let difference = (value - f64::from(*decoded).clamp(floor, ceiling)).abs();
             error.squares += difference * difference;
             error.count += 1;
@@ -213,18 +299,18 @@ fn measure(table: &BrdfTable, block: &Block, eps: f64, decoded: &[f32]) -> Block
 
 impl Packed {
     /// The whole file.
-    pub(super) fn finish(self, metadata: &[u8]) -> Vec<u8> {
+    pub(super) fn finish(&self, metadata: &[u8]) -> Vec<u8> {
         let mut sections = vec![
-            (directory::GRID, false, self.grid),
-            (directory::CODING, false, self.coding),
-            (directory::PARTITION, false, self.partition),
-            (directory::PROBABILITIES, false, self.probabilities),
+            (directory::GRID, false, self.grid.clone()),
+            (directory::CODING, false, self.coding.clone()),
+            (directory::PARTITION, false, self.partition.clone()),
+            (directory::PROBABILITIES, false, self.probabilities.clone()),
         ];
-        sections.extend(self.profile.map(|profile| (directory::PROFILE, false, profile)));
+        sections.extend(self.profile.clone().map(|profile| (directory::PROFILE, false, profile)));
         sections.extend([
-            (directory::INDEX, false, self.index),
+            (directory::INDEX, false, self.index.clone()),
             (directory::METADATA, true, metadata.to_vec()),
-            (directory::RECORDS, false, self.records),
+            (directory::RECORDS, false, self.records.clone()),
         ]);
         write_file(&sections)
     }

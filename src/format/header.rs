@@ -31,6 +31,8 @@ pub struct Coding {
     pub horizon: Option<f64>,
     /// Whether records tell which measured entries are exactly zero.
     pub zeros: bool,
+    /// Multiples of this are added to the log values of single entries; `None`: there are no corrections.
+    pub correction: Option<f32>,
 }
 
 /// Tone maps: 1 is ln(f + eps).
@@ -97,7 +99,7 @@ pub(crate) fn read_grid(mut r: ByteReader) -> Result<Grid> {
     Ok(grid)
 }
 
-/// `compact`: of a draft that has exact zeros.
+/// `compact`: of a draft that has exact zeros and a correction step.
 pub(crate) fn read_coding(mut r: ByteReader, channels: usize, compact: bool) -> Result<Coding> {
     // Basis: 0 DCT-II, 1 DFT.
     let basis = r.u8()?;
@@ -168,8 +170,14 @@ pub(crate) fn read_coding(mut r: ByteReader, channels: usize, compact: bool) -> 
         }
         other => return Err(r.corrupt(format!("channel transform {other} of {channels} channels is reserved"))),
     };
+    // Correction step, from draft 3 on; 0 where there are no corrections.
+    let correction = match if compact { r.f32()? } else { 0.0 } {
+        none if none.to_bits() == 0 => None,
+        step if STEP_RANGE.contains(&step) => Some(step),
+        step => return Err(r.corrupt(format!("correction step is {step}, must be 0 or within {STEP_RANGE:?}"))),
+    };
     r.finish()?;
-    Ok(Coding { basis, eps, sampling, seed, transform, steps, shrink, horizon, zeros })
+    Ok(Coding { basis, eps, sampling, seed, transform, steps, shrink, horizon, zeros, correction })
 }
 
 pub(crate) fn read_partition(mut r: ByteReader, grid: &Grid) -> Result<Partition> {
@@ -284,6 +292,7 @@ mod write {
         if let ChannelTransform::Matrix(matrix) = &coding.transform {
             matrix.iter().for_each(|&entry| w.f32(entry));
         }
+        w.f32(coding.correction.unwrap_or(0.0));
         w.0
     }
 
@@ -365,10 +374,10 @@ mod tests {
             shrink: [20, -3],
             horizon: Some(-0.061),
             zeros: true,
+            correction: Some(0.19),
         };
         let bytes = write_coding(&coding);
         assert_eq!(read_coding(reader(&bytes), 3, true).unwrap(), coding);
-        assert!(read_coding(reader(&bytes), 3, false).is_err());
         for (at, value) in [(0, 2), (1, 0), (2, 0), (3, 2), (6, 2), (7, 2)] {
             let mut bad = bytes.clone();
             bad[at] = value;
@@ -376,8 +385,19 @@ mod tests {
         }
         let nan = Coding { eps: f64::NAN, ..coding.clone() };
         assert!(read_coding(reader(&write_coding(&nan)), 3, true).is_err());
-        let zero = Coding { steps: vec![0.1, 0.0, 0.1], ..coding };
+        let zero = Coding { steps: vec![0.1, 0.0, 0.1], ..coding.clone() };
         assert!(read_coding(reader(&write_coding(&zero)), 3, true).is_err());
+        // Drafts before the third have no exact zeros, and end before the correction step.
+        let plain = Coding { zeros: false, correction: None, ..coding.clone() };
+        let old = write_coding(&plain);
+        assert_eq!(read_coding(reader(&old[..old.len() - 4]), 3, false).unwrap(), plain);
+        assert!(read_coding(reader(&bytes[..bytes.len() - 4]), 3, false).is_err());
+        assert!(read_coding(reader(&old), 3, false).is_err());
+        assert_eq!(read_coding(reader(&old), 3, true).unwrap(), plain);
+        for step in [-0.0, -0.1, 1e-13, 1e7, f32::NAN] {
+            let bad = Coding { correction: Some(step), ..coding.clone() };
+            assert!(read_coding(reader(&write_coding(&bad)), 3, true).is_err(), "{step}");
+        }
     }
 
     #[test]

@@ -7,7 +7,8 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 const EXIT_CODES: &str = "\
 Exit codes:
   0  done; also if the reader of the output closed the pipe early
-  1  an operation failed: a file is missing, exists already, cannot be read or written
+  1  an operation failed: a file is missing, exists already, cannot be read or written; a contract (--max-error,
+     --rmse, --psnr, --ratio, --size) cannot be kept, or verify --against shows that a file breaks its word
   2  usage: the arguments are wrong
   3  an input is damaged or not of the expected format
   4  an input is of a version that this build does not read, or above its limits
@@ -77,7 +78,7 @@ pub struct EncodeArgs {
     pub inputs: Vec<PathBuf>,
     /// A list of measurements in place of a table, or - for standard input: CSV as of `csbrdf plan` with columns r, g, b in
     /// 1/sr. All of it is sampled, all else filled in
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["sampling", "seed", "rmse"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["sampling", "seed"])]
     pub samples: Option<PathBuf>,
     /// Bins of phi_d of the list: 180, or 360 without reciprocity [default: as the list's first line says, else 180]
     #[arg(long, value_name = "BINS", value_parser = ["180", "360"], conflicts_with = "inputs")]
@@ -98,9 +99,23 @@ pub struct EncodeArgs {
     /// preset's]
     #[arg(long, value_name = "RATIO|auto", value_parser = sampling)]
     pub sampling: Option<SamplingArg>,
-    /// With --sampling auto: rms error to sample for, log domain
-    #[arg(long, value_name = "RMS", value_parser = positive::<f64>, required_if_eq("sampling", "auto"), requires = "sampling")]
+    /// Keep every valid entry's ln(f + eps) within this: what the coefficients leave further off is corrected entry by
+    /// entry. Of the values in float64, as decode writes them to .binary; float32 ones add some 1e-7 of f
+    #[arg(long, value_name = "E", value_parser = positive::<f64>, conflicts_with = "quality", group = "contract")]
+    pub max_error: Option<f64>,
+    /// Keep the rms error of ln(f + eps) over the valid entries within this, as near below as a few encodes come. With
+    /// --sampling auto: rms error to sample for, log domain
+    #[arg(long, value_name = "RMS", value_parser = positive::<f64>, required_if_eq("sampling", "auto"), group = "contract")]
     pub rmse: Option<f64>,
+    /// Keep the render PSNR, as compare measures it, at this or above, dB
+    #[arg(long, value_name = "DB", value_parser = positive::<f64>, conflicts_with = "quality", group = "contract")]
+    pub psnr: Option<f64>,
+    /// Keep the file at most this part of the table's bytes in float64: 300 for 300:1
+    #[arg(long, value_name = "R", value_parser = positive::<f64>, conflicts_with = "quality", group = "contract")]
+    pub ratio: Option<f64>,
+    /// Keep the file within this size: bytes, or with k or M thousands or millions of them
+    #[arg(long, value_name = "BYTES[k|M]", value_parser = size, conflicts_with = "quality", group = "contract")]
+    pub size: Option<u64>,
     /// Seed of the sampling
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
@@ -215,6 +230,10 @@ pub struct VerifyArgs {
     /// .csbrdf files, or - for standard input
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
+    /// Compare with the table that the file was made from: that each block's error is within what the index states, the
+    /// errors within what the metadata state, and the contract kept; for one file
+    #[arg(long, value_name = "ORIGINAL")]
+    pub against: Option<PathBuf>,
 }
 
 /// Arguments of `compare`.
@@ -512,6 +531,18 @@ fn not_negative(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "expected a number, 0 or above".into())
 }
 
+/// A number of bytes.
+fn size(text: &str) -> Result<u64, String> {
+    let (number, unit) = match text.trim_end_matches(['B', 'b']) {
+        n if n.ends_with(['k', 'K']) => (&n[..n.len() - 1], 1e3),
+        n if n.ends_with('M') => (&n[..n.len() - 1], 1e6),
+        n => (n, 1.0),
+    };
+    let bytes = number.trim().parse::<f64>().ok().map(|x| (x * unit).floor());
+    let bytes = bytes.filter(|x| (1.0..9e15).contains(x)).map(|x| x as u64);
+    bytes.ok_or_else(|| "expected bytes, or thousands with k, millions with M".into())
+}
+
 fn ratio(text: &str) -> Result<f64, String> {
     let (number, unit) = text.strip_suffix('%').map_or((text, 1.0), |n| (n, 100.0));
     let ratio = number.trim().parse::<f64>().ok().map(|x| x / unit);
@@ -547,6 +578,8 @@ mod tests {
         assert_eq!(ratio("5%"), Ok(0.05));
         assert_eq!(ratio("1"), Ok(1.0));
         assert!(["0", "101%", "-1", "nan", "", "%"].iter().all(|t| ratio(t).is_err()));
+        assert_eq!(["60k", "1.5M", "777", "60 kB"].map(size), [Ok(60_000), Ok(1_500_000), Ok(777), Ok(60_000)]);
+        assert!(["0", "-1", "k", "", "nan", "1e30", "5G"].iter().all(|t| size(t).is_err()));
         assert_eq!(lengths("15, 15,15").unwrap().0, [15, 15, 15]);
         assert!(["", "0,1,1", "7", "1,2,3,4", "1,2,3,4,5", "a,1,1", "1,,2", "-1"].iter().all(|t| lengths(t).is_err()));
         assert_eq!(numbers::<3>("0,-0.5,1e0"), Ok([0.0, -0.5, 1.0]));

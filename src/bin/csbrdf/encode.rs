@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
+use csbrdf::encode::contract::Contract;
 use csbrdf::encode::{Channels, Encoder, Preset};
 use csbrdf::format::metadata::Metadata;
 use csbrdf::fourier::Basis;
@@ -31,6 +32,8 @@ struct Done {
     ratio: f64,
     log_rms: f64,
     log_max: f64,
+    /// What the line says of the contract, if there is one.
+    contract: String,
     /// Samples and valid entries.
     sampled: [usize; 2],
     seconds: f64,
@@ -39,8 +42,8 @@ struct Done {
 pub fn run(args: &EncodeArgs, quiet: bool) -> Outcome {
     let inputs = args.samples.as_ref().map_or(&args.inputs[..], std::slice::from_ref);
     let targets = targets(args, inputs)?;
-    if args.rmse.is_some() && args.sampling != Some(SamplingArg::Auto) {
-        return Err(Failure::usage("--rmse is what --sampling auto samples for; give both"));
+    if args.rmse.is_some() && args.quality.is_some() && args.sampling != Some(SamplingArg::Auto) {
+        return Err(Failure::usage("--rmse sets the quality; give one of them"));
     }
     let encoder = encoder(args);
     let metadata = metadata(&args.meta)?;
@@ -53,13 +56,14 @@ pub fn run(args: &EncodeArgs, quiet: bool) -> Outcome {
         let sampled = if samples < valid { format!("{} sampled, ", percent(samples, valid)) } else { String::new() };
         if !quiet {
             note(&format!(
-                "{} -> {target}: {} bytes, {:.1}:1, log rms {}, max {}, {}{:.2} s",
+                "{} -> {target}: {} bytes, {:.1}:1, log rms {}, max {}, {}{}{:.2} s",
                 label(input),
                 grouped(done.bytes),
                 done.ratio,
                 error_figure(done.log_rms),
                 error_figure(done.log_max),
                 sampled,
+                done.contract,
                 done.seconds
             ));
         }
@@ -143,6 +147,9 @@ pub fn encoder(args: &EncodeArgs) -> Encoder {
         (Some(SamplingArg::Auto), Some(rmse)) => encoder = encoder.sampling_for(rmse),
         _ => {}
     }
+    if let Some(contract) = contract(args) {
+        encoder = encoder.contract(contract);
+    }
     if let Some(basis) = args.basis {
         encoder = encoder.basis(match basis {
             BasisArg::Dct => Basis::Dct,
@@ -171,6 +178,16 @@ pub fn encoder(args: &EncodeArgs) -> Encoder {
         });
     }
     encoder
+}
+
+/// The contract that the options ask for.
+fn contract(args: &EncodeArgs) -> Option<Contract> {
+    let rmse = args.rmse.filter(|_| args.sampling != Some(SamplingArg::Auto));
+    (args.max_error.map(Contract::MaxError))
+        .or(rmse.map(Contract::Rmse))
+        .or(args.psnr.map(Contract::Psnr))
+        .or(args.ratio.map(Contract::Ratio))
+        .or(args.size.map(Contract::Size))
 }
 
 /// The metadata that `--meta` gives.
@@ -267,6 +284,14 @@ fn encode(
     let encoded = encoder.clone().metadata(metadata).encode_with(&table, &progress);
     bar.get().inspect(|bar| bar.finish_and_clear());
     let encoded = encoded.map_err(|e| Failure::in_file(input, &e))?;
+    let report = &encoded.report;
+    let contract = match contract(args) {
+        None => String::new(),
+        Some(Contract::MaxError(_)) => {
+            format!("step {:.4}, {} corrected, ", report.step, percent(report.corrected, report.valid))
+        }
+        Some(_) => format!("step {:.4}, ", report.step),
+    };
     drop(table);
     target.write(args.force, |out| Ok(out.write_all(&encoded.bytes)?))?;
     Ok(Done {
@@ -274,6 +299,7 @@ fn encode(
         ratio: size as f64 / encoded.bytes.len() as f64,
         log_rms: encoded.report.log_rms,
         log_max: encoded.report.log_max,
+        contract,
         sampled: [encoded.report.sampled, encoded.report.valid],
         seconds: start.elapsed().as_secs_f64(),
     })
@@ -287,7 +313,8 @@ fn progress_bar(input: &Path) -> ProgressBar {
     bar.with_message(clean(&label(input)))
 }
 
-fn hex(bytes: &[u8]) -> String {
+/// Bytes in hexadecimal.
+pub fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
