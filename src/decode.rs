@@ -363,6 +363,11 @@ impl<D: AsRef<[u8]>> Reader<D> {
         &self.header.coding
     }
 
+    /// Whether the file has a grazing profile.
+    pub fn has_profile(&self) -> bool {
+        self.header.coded_profile.is_some()
+    }
+
     /// The cut into blocks.
     pub fn partition(&self) -> &Partition {
         &self.header.partition
@@ -426,6 +431,9 @@ impl<D: AsRef<[u8]>> Reader<D> {
     fn decode_log(&self, block: usize, scratch: &mut Scratch) -> Result<Block> {
         let place = self.place(block)?;
         let record = self.record(block)?;
+        if let Some(coded) = &self.header.coded_profile {
+            self.header.profile().map_err(|what| Error::corrupt("GRAZ", coded.offset, what))?;
+        }
         self.header.rebuild(&place, &record, self.index.means(block), scratch).map_err(|what| {
             Error::corrupt("RECS", self.index.record(block).start as u64, format!("block {block}: {what}"))
         })?;

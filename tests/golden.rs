@@ -65,6 +65,9 @@ fn golden_files_cover_the_features() {
         features.push(if coding.correction.is_some() { "corrections" } else { "no corrections" });
         features.push(["", "1-D", "2-D", "3-D", "4-D"][reader.grid().axes().len()]);
         features.push(if reader.grid().channels().len() > 16 { "spectral" } else { "few channels" });
+        features.push(if coding.zeros { "zeros" } else { "no zeros" });
+        features.push(if reader.has_profile() { "profile" } else { "no profile" });
+        features.push(if coding.correction.is_some() { "corrections" } else { "no corrections" });
         features.push(if reader.partition().shapes().len() > 1 { "tiled" } else { "uniform" });
         for b in 0..reader.block_count() {
             classes.push(reader.block_info(b).unwrap().class);

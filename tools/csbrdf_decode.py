@@ -24,8 +24,8 @@ import numpy as np
 F32, F64 = np.float32, np.float64
 AXES = ["other", "theta_h", "phi_h", "theta_d", "phi_d", "theta_i", "phi_i", "theta_o", "phi_o"]
 ALL, NONE, HORIZON, MASK, MASK_PER_CHANNEL = range(5)  # classes of validity, 3.8
-ANY, EXTENT, ROW, SIGNIFICANT, EXPONENT, MANTISSA, MASKS = 0, 3, 195, 276, 708, 1308, 1333  # 4.6
-C_ANY, C_ROW, C_PRESENT, C_EXPONENT, C_MANTISSA, C_SIGN = 1397, 1400, 1409, 1509, 1559, 1584  # 4.9
+ANY, EXTENT, ROW, SIGNIFICANT, EXPONENT, MANTISSA, MASKS, ZEROS = 0, 3, 195, 276, 708, 1308, 1333, 1397  # 4.6
+C_ANY, C_ROW, C_PRESENT, C_EXPONENT, C_MANTISSA, C_SIGN, CONTEXTS = 1437, 1440, 1449, 1549, 1599, 1624, 1633  # 4.11
 LEVEL = [0, 1, 2, 3, 4, 5, 6, 7, 7] + [8] * 3 + [9] * 5 + [10] * 12  # 4.6, above: 11
 
 
@@ -136,10 +136,13 @@ class File:
         self.data = data
         self.container()
         self.doublings = {}
-        for name, read in dict(GRID=self.grid, CODE=self.code, PART=self.part, PROB=self.prob, INDX=self.indx).items():
-            cursor = Cursor(name, self.section(name))
-            read(cursor)
-            cursor.end()
+        self.tables = None
+        for read in (self.grid, self.code, self.part, self.prob, self.graz, self.indx):
+            name = read.__name__.upper()
+            if name != "GRAZ" or b"GRAZ" in self.sections:
+                cursor = Cursor(name, self.section(name))
+                read(cursor)
+                cursor.end()
 
     def container(self):
         """3.1: preamble, section table, end marker."""
@@ -149,8 +152,8 @@ class File:
         c.check(major == 1, f"major version {major} is not known")
         minor = c.get("H", "minor version")
         draft = c.get("H", "draft")
-        c.check(draft in (1, 2, 3), f"draft {draft} of version {major}.{minor} is not known")
-        self.draft = draft
+        c.check(1 <= draft <= 3, f"draft {draft} of version {major}.{minor} is not known")
+        self.draft, self.before_3 = draft, draft in (1, 2)
         count = c.get("H", "number of sections", 1, 64)
         c.check(c.get("Q", "length of the file") == len(self.data), f"the file has {len(self.data)} bytes")
         c.get("I", "reserved field", 0, 0)
@@ -163,7 +166,8 @@ class File:
             name = t.bytes(4)
             t.check(name.isascii() and name not in self.sections, f"identifier {name} twice or not ASCII")
             flags = t.get("I", "flags", 0, 1)
-            known = name in (b"GRID", b"CODE", b"PART", b"PROB", b"INDX", b"META", b"RECS")
+            t.check(name != b"GRAZ" or not self.before_3, f"section GRAZ in draft {self.draft}")
+            known = name in (b"GRID", b"CODE", b"PART", b"PROB", b"GRAZ", b"INDX", b"META", b"RECS")
             t.check(known or flags & 1, f"unknown section {name} is not skippable")
             length = t.get("Q", "length of a section", 0, len(self.data) - begin)
             self.sections[name] = (begin, length, t.get("I", "CRC"))
@@ -190,8 +194,8 @@ class File:
             name, square = AXES[c.get("B", "name of an axis", 0, 8)], c.get("B", "mapping", 0, 1)
             c.get("H", "reserved field", 0, 0)
             bins = c.get("I", "number of bins", 1, 65536)
-            start = c.get("d", "start", -sys.float_info.max, sys.float_info.max)
-            end = c.get("d", "end", math.nextafter(start, math.inf), sys.float_info.max)
+            start = c.get("d", "start", -1e6, 1e6)
+            end = c.get("d", "end", math.nextafter(start, math.inf), 1e6)
             self.axes.append((name, square, bins, start, end))
         self.axes = [("other", 0, 1, 0.0, 1.0)] * (4 - self.naxes) + self.axes
         self.shape = tuple(axis[2] for axis in self.axes)
@@ -217,7 +221,7 @@ class File:
         c.check(not matrix or self.channels <= 16, "a matrix of more than 16 channels")
         self.shrink = [c.get("b", "shrink of magnitude 1"), c.get("b", "shrink of magnitudes 2 and above")]
         horizon = c.get("B", "horizon", 0, 1)
-        c.get("B", "reserved field", 0, 0)
+        self.tells_zeros = c.get("B", "exact zeros", 0, 0 if self.before_3 else 1)
         self.eps = c.get("d", "eps", 1e-300, 1e30)
         threshold = c.get("d", "elevation of the horizon", -1.0, 1.0)
         c.check(horizon or struct.pack("<d", threshold) == bytes(8), "an elevation, but no horizon")
@@ -231,7 +235,7 @@ class File:
             self.matrix = [[F32(c.get("f", "entry of the matrix", -F32(1.001), F32(1.001))) for _ in self.step]
                            for _ in self.step]
         self.correction = F32(0)
-        if self.draft >= 3:
+        if not self.before_3:
             raw = c.get("f", "correction step", F32(0), F32(1e6))
             c.check(struct.pack("<f", raw) == bytes(4) or raw >= F32(1e-12), f"correction step is {raw}")
             self.correction = F32(raw)
@@ -261,29 +265,105 @@ class File:
 
     def prob(self, c):
         """3.5 PROB."""
-        contexts = 1593 if self.draft >= 3 else 1397
+        contexts = ZEROS if self.before_3 else CONTEXTS
         c.get("H", "number of contexts", contexts, contexts)
         bits = int.from_bytes(c.bytes(-(-contexts // 8)), "little")
         c.check(bits >> contexts == 0, "padding is not 0")
-        self.probabilities = [c.get("H", "probability", 1) if bits >> i & 1 else 32768 for i in range(contexts)]
+
+        def probability():
+            if self.before_3:
+                return c.get("H", "probability", 1)
+            code = c.get("B", "code of a probability")
+            p = int(np.floor(F64(32768) * exp64(-(F64(code % 128) * F64(math.log(2) / 12))) + F64(0.5)))
+            return p if code < 128 else 65536 - p
+
+        self.probabilities = [probability() if bits >> i & 1 else 32768 for i in range(contexts)]
+
+    def graz(self, c):
+        """3.9 GRAZ: self.tables[even, odd over theta_h, even, odd over theta_d][component][bin][knot]."""
+        names = [axis[0] for axis in self.axes[4 - self.naxes:]]
+        c.check(names == ["theta_h", "theta_d", "phi_d"], f"a grazing profile over {', '.join(names)}")
+        self.knots = c.get("B", "number of knots", 2, 64)
+        c.check(c.bytes(3) == bytes(3), "reserved bytes are not 0")
+        self.zone = F32(c.get("f", "zone", F32(1e-6), 1.0))
+        step = F32(c.get("f", "step", F32(1e-12), F32(1e6)))
+        bins = [self.shape[axis] for axis in (1, 1, 2, 2)]
+        for n in bins:
+            c.check(n <= 1024, f"a table of {n} bins")
+            size = n * self.knots * self.channels
+            c.check(size <= 1 << 24 and size * ((n if n > 1 else 0) + self.knots) <= 1 << 30, "a table is too large")
+        first = [[c.get("i", "quantised coefficient", -1 << 24, 1 << 24) for _ in self.step] for _ in bins]
+        coded = c.bytes(len(c.data) - c.pos)
+        coder = RangeDecoder(coded, [32768] * CONTEXTS)
+        self.tables = []
+        for n, means in zip(bins, first):
+            table, before = [], None
+            for channel, mean in enumerate(means):
+                q = np.zeros((1, 1, n, self.knots), np.int64)
+                before = coefficients(coder, channel, q.shape, before, c)
+                for place, value in before.values.items():
+                    q[place] = value
+                q[0, 0, 0, 0] = mean
+                table.append(synthesize_dct(q.astype(F32) * step)[0, 0])
+            self.tables.append(table)
+        c.check(coder.pos >= len(coded), "not all coded bytes are used")
 
     def indx(self, c):
         """3.6 INDX. The blocks are listed here as well: their number must be that of the partition."""
-        count = c.get("I", "number of blocks")
+        begin, length, _ = self.sections[b"RECS"]
+        count = c.get("I", "number of blocks", 0, length)
+        c.check(self.before_3 or count * self.channels <= 1 << 24, "too many means")
+        self.blocks = list(itertools.islice(self.block(), count + 1))
+        c.check(len(self.blocks) == count, f"{count} blocks are not those of the partition")
+        lengths, self.means = self.plain_entries(c) if self.before_3 else self.coded_entries(c)
+        c.check(sum(lengths) == length, "the lengths of the records do not add up to that of RECS")
+        self.records = list(zip(itertools.accumulate(lengths, initial=begin), lengths))
+        c.check(all(abs(q) <= 1 << 24 for means in self.means for q in means), "a mean of more than 2^24")
+
+    def plain_entries(self, c):
+        """3.6 before draft 3: lengths and means of all blocks."""
+        count = len(self.blocks)
         w, v = c.get("B", "bytes per record length", 1, 4), c.get("B", "bytes per mean", 1, 4)
         c.get("H", "reserved field", 0, 0)
         lengths = c.bytes(count * w)
-        self.blocks = list(itertools.islice(self.block(), count + 1))
-        c.check(len(self.blocks) == count, f"{count} blocks are not those of the partition")
         lengths = [int.from_bytes(lengths[i:i + w], "little") for i in range(0, len(lengths), w)]
-        begin, length, _ = self.sections[b"RECS"]
-        c.check(sum(lengths) == length, "the lengths of the records do not add up to that of RECS")
-        self.records = list(zip(itertools.accumulate(lengths, initial=begin), lengths))
         c.bytes(2 * count)  # codes of the errors: for information
         means = c.bytes(count * self.channels * v)
         means = [int.from_bytes(means[i:i + v], "little", signed=True) for i in range(0, len(means), v)]
-        c.check(all(abs(q) <= 1 << 24 for q in means), "a mean of more than 2^24")
-        self.means = [means[i:i + self.channels] for i in range(0, len(means), self.channels)]
+        return lengths, [means[i:i + self.channels] for i in range(0, len(means), self.channels)]
+
+    def coded_entries(self, c):
+        """3.6: lengths and means of all blocks."""
+        coded = c.bytes(len(c.data) - c.pos)
+        coder = RangeDecoder(coded, [32768] * (15 * 65))
+
+        def number(index):
+            ones, b = index * 65, 0
+            while b < 32 and coder.bit(ones + b):
+                b += 1
+            return bits_below(coder, b, ones + 32 + b)
+
+        def signed(v):
+            return -(v + 1) // 2 if v & 1 else v // 2
+
+        lengths, all_means = [], []
+        length, rms, over, positions = 0, 0, 0, 1  # of the block before
+        means, bits = [0] * self.channels, [0] * self.channels
+        for _, shape in self.blocks:
+            length = number(min(3, max(0, length.bit_length() - 3) // 2))
+            rms = (rms + signed(number(4))) % 256  # for information, as is the largest code, (rms + over) % 256
+            over = (over + signed(number(5))) % 256
+            ratio = math.sqrt(math.prod(shape) / positions)
+            positions = math.prod(shape)
+            for t in range(self.channels):
+                v = number(6 + 3 * min(t, 2) + min(2, bits[t] // 4))
+                bits[t] = v.bit_length()
+                p = min(max(away_from_zero(means[t] * ratio), -1 << 31), (1 << 31) - 1)
+                means[t] = (p + signed(v) + (1 << 31)) % (1 << 32) - (1 << 31)
+            lengths.append(length)
+            all_means.append(list(means))
+        c.check(coder.pos >= len(coded), "not all coded bytes are used")
+        return lengths, all_means
 
     # --------------------------------------------------------------------------------------------- 4. The pipeline
 
@@ -299,7 +379,7 @@ class File:
             yield from cut(begin, lengths, self.block_shapes[number])
 
     def record(self, number):
-        """3.8, 4: one block: (log values [channel][axes] in f32, validity of the same shape)."""
+        """3.8, 4: one block: (log values [channel][axes] in f32, validity and exact zeros of the same shape)."""
         begin, length = self.records[number]
         data = self.data[begin:begin + length]
         c = Cursor(f"RECS, record {number}", data)
@@ -314,6 +394,7 @@ class File:
         coded = c.bytes(length - 5)
         first, shape = self.blocks[number]
         valid = np.zeros((self.channels,) + shape, np.uint8)
+        zero = np.zeros_like(valid)
         q = np.zeros((self.channels,) + shape, np.int64)
         coder = None
         if validity_class == NONE:
@@ -321,6 +402,8 @@ class File:
         else:
             coder = RangeDecoder(coded, self.probabilities)
             valid[:] = masks(coder, validity_class, self.channels, *self.horizon(first, shape))
+            if self.tells_zeros:
+                zero = exact_zeros(coder, valid)
             before = None
             for channel in range(self.channels):
                 before = coefficients(coder, channel, shape, before, c)
@@ -331,12 +414,15 @@ class File:
             s = dequantize(q[t], self.shrink, self.step[t])
             s[0, 0, 0, 0] = F32(self.means[number][t]) * self.step[t]
             components.append(synthesize_dft(s) if self.dft else synthesize_dct(s))
+        if self.tables:
+            components = [x + profile for x, profile in zip(components, self.grazing_profile(first, shape))]
         log = self.inverse_channel_transform(components)
         if coder:
             if self.correction > 0:
-                log = log + corrections(coder, log, valid, self.correction, c).astype(F32) * self.correction
+                correctable = valid * (zero == 0)
+                log = log + corrections(coder, log, correctable, self.correction, c).astype(F32) * self.correction
             c.check(coder.pos >= len(coded), "not all coded bytes are used")
-        return log, valid
+        return log, valid, zero
 
     def samples(self, number):
         """4.3: how many entries of each channel of a block are samples."""
@@ -380,25 +466,51 @@ class File:
         t = u / F64(n)
         return F64(start) + (F64(end) - F64(start)) * (t * t if square else t)
 
+    def sincos(self, first, shape):
+        """4.8, 4.10: (sines, cosines) at the centres of a block's bins of theta_h, theta_d and phi_d."""
+        found = {}
+        for axis in range(4):
+            centres = np.arange(first[axis], first[axis] + shape[axis]).astype(F64) + F64(0.5)
+            view = [-1 if i == axis else 1 for i in range(4)]
+            found[self.axes[axis][0]] = [x.reshape(view) for x in sin_cos(self.angle(axis, centres))]
+        return found["theta_h"], found["theta_d"], found["phi_d"]
+
+    def grazing_profile(self, first, shape):
+        """4.10: what is added to each component of a block."""
+        (sin_h, cos_h), (sin_d, cos_d), (_, cos_p) = self.sincos(first, shape)
+        middle, swing, c = (cos_h * cos_d).astype(F32), (sin_h * sin_d).astype(F32), cos_p.astype(F32)
+        last = F32(self.knots - 1)
+        h, d, _ = np.ogrid[:shape[1], :shape[2], :1]
+        places = []  # of each side: k and f of all bins
+        for z in (middle - swing * c, middle + swing * c):
+            u = np.minimum(np.sqrt(np.maximum(z, F32(0)) * ((last * last) / self.zone)), last)[0]
+            places.append((np.floor(u).astype(int), u - np.floor(u)))
+        for t in range(self.channels):
+            h_even, h_odd = (table[t][first[1]:first[1] + shape[1], None] for table in self.tables[:2])
+            d_even, d_odd = (table[t][None, first[2]:first[2] + shape[2]] for table in self.tables[2:])
+            even, odd = h_even + d_even, h_odd + d_odd
+            sides = []
+            for knots, (k, f) in zip((even + odd, even - odd), places):
+                knots = np.concatenate([knots[..., :-1], np.zeros(knots.shape[:2] + (2,), F32)], axis=2)
+                low, high = knots[h, d, k], knots[h, d, k + 1]
+                sides.append(low + (high - low) * f)
+            yield (sides[0] + sides[1])[None]
+
     def horizon(self, first, shape):
         """4.8: predicted validity and bands of the bins of a block."""
         if self.threshold is None:
             return np.ones(shape, np.uint8), np.full(shape, 7)
-        sincos = {}
-        for axis in range(4):
-            centres = np.arange(first[axis], first[axis] + shape[axis]).astype(F64) + F64(0.5)
-            view = [-1 if i == axis else 1 for i in range(4)]
-            with np.errstate(all="ignore"):
-                pair = sin_cos(self.angle(axis, centres))
-            sincos.setdefault(self.axes[axis][0], [x.reshape(view) for x in pair])
-        (sin_h, cos_h), (sin_d, cos_d), (_, cos_p) = (sincos[name] for name in ("theta_h", "theta_d", "phi_d"))
-        if not all(np.isfinite(x).all() for pair in sincos.values() for x in pair):
-            raise Refused("GRID: angles are too large")
+        (sin_h, cos_h), (sin_d, cos_d), (_, cos_p) = self.sincos(first, shape)
         elevation = np.broadcast_to(cos_h * cos_d - (sin_h * sin_d) * np.abs(cos_p), shape)
         d = elevation - F64(self.threshold)
         x = d / F64(0.01)
         band = np.where(d >= 0, np.floor(np.minimum(7.0, 4.0 + x)), np.minimum(3.0, np.floor(np.maximum(0.0, 4.0 + x))))
         return (elevation >= self.threshold).astype(np.uint8), band.astype(int)
+
+    def values(self, number):
+        """4.1, 4.9: one block: (binary32 values, binary64 values, validity)."""
+        log, valid, zero = self.record(number)
+        return *(np.where(zero, x.dtype.type(0), x) for x in self.inverse_tone_map(log)), valid
 
     def table(self):
         """4: the whole table: binary32 values, binary64 values / scale, validity, each [channel][axes...]."""
@@ -407,8 +519,7 @@ class File:
         scale = np.array(self.scale, F64).reshape(-1, 1, 1, 1, 1)
         for number, (first, shape) in enumerate(self.blocks):
             here = (slice(None),) + tuple(slice(f, f + n) for f, n in zip(first, shape))
-            log, valid[here] = self.record(number)
-            values[here], wide = self.inverse_tone_map(log)
+            values[here], wide, valid[here] = self.values(number)
             with np.errstate(over="ignore"):
                 scaled[here] = np.minimum(wide / scale, sys.float_info.max)
         shape = (self.channels,) + self.shape[4 - self.naxes:]
@@ -491,6 +602,12 @@ def dequantize(q, shrink, step):
     return np.where(q == 0, F32(0), np.where(q < 0, -value, value))
 
 
+def away_from_zero(x):
+    """3.6: the integer nearest to x, ties away from zero."""
+    whole = math.floor(abs(x))
+    return int(math.copysign(1, x)) * (whole + (abs(x) - whole >= 0.5))
+
+
 MASK64 = (1 << 64) - 1
 
 
@@ -563,14 +680,13 @@ def number(coder, exponent, mantissa, cursor):
         cursor.check(b <= 24, "an exponent of more than 24 ones")
     u = min(b, 1)
     if b >= 2:
-        u = 2 + coder.bit(mantissa + b)
-        u = u << (b - 2) | coder.raw(b - 2)
+        u = bits_below(coder, b, mantissa + b)
     cursor.check(u < 1 << 24, "a magnitude of more than 2^24")
     return u
 
 
 def corrections(coder, log, valid, step, cursor):
-    """4.9: the corrections of a block, [channel][axes]; log values before correction."""
+    """4.11: the corrections of a block, [channel][axes]; log values before correction."""
     shape = log.shape[1:]
     result = np.zeros(log.shape, np.int64)
     slope = np.zeros(log.shape, F32)  # the largest difference to the neighbours along axes 2 and 3
@@ -611,6 +727,11 @@ def corrections(coder, log, valid, step, cursor):
                 result[channel, i, j, k, l] = values[i, j, k, l]
         elder, sister = sister, now
     return result
+
+
+def bits_below(coder, b, mantissa):
+    """3.6, 4.6: the number of b bits: the one after the leading one under a context, the others raw."""
+    return b if b < 2 else (2 + coder.bit(mantissa)) << (b - 2) | coder.raw(b - 2)
 
 
 class RangeDecoder:
@@ -670,6 +791,25 @@ def masks(coder, validity_class, channels, predicted, band):
     return np.stack(coded) if validity_class == MASK_PER_CHANNEL else coded[0]
 
 
+def exact_zeros(coder, valid):
+    """4.9: which entries are exactly zero, [channel][axes] as validity is."""
+    zero, s = np.zeros_like(valid), 3
+    for channel, mask in enumerate(valid):
+        now, any_zero = zero[channel], coder.bit(ZEROS + s)  # 1
+        all_zero = any_zero and coder.bit(ZEROS + 4 + s)  # 2
+        s = any_zero + all_zero  # for the next channel
+        if all_zero:
+            now[:] = mask
+        elif any_zero:  # 3
+            for i, j, k, l in np.argwhere(mask):
+                left, second = now[i, j, k, l - 1] if l else 0, now[i, j, k, l - 2] if l > 1 else 0
+                above, beyond = now[i, j, k - 1, l] if k else 0, now[i, j - 1, k, l] if j else 0
+                sister = zero[channel - 1, i, j, k, l] if channel else 0
+                context = left + 2 * above + 4 * beyond + 8 * sister + 16 * second
+                now[i, j, k, l] = coder.bit(ZEROS + 8 + int(context))
+    return zero
+
+
 # ---------------------------------------------------------------------------------------------------------- command
 
 def sums(file):
@@ -683,8 +823,7 @@ def print_block(file, number):
     """Positions [channel, axes...] and values of a block."""
     if not 0 <= number < len(file.blocks):
         raise Refused(f"there is no block {number}, only {len(file.blocks)}")
-    log, valid = file.record(number)
-    values = file.inverse_tone_map(log)[0]
+    values, _, valid = file.values(number)
     print("block {}: first position {}, shape {}".format(number, *file.blocks[number]))
     for place in np.ndindex(*values.shape):
         print(*place, f"{values[place]:.9g}", "valid" if valid[place] else "not valid")
