@@ -6,6 +6,7 @@ mod bound;
 mod choose;
 pub mod contract;
 mod dense;
+mod effort;
 mod estimate;
 mod fill;
 mod grazing;
@@ -38,6 +39,7 @@ use bound::Bound;
 use choose::fit_horizon;
 use contract::Contract;
 use dense::Dense;
+pub use effort::Effort;
 use estimate::{Estimate, Estimator, Stiffness};
 use recover::Solves;
 
@@ -91,6 +93,7 @@ pub struct Encoder {
     weighting: f64,
     trend: bool,
     profile: bool,
+    effort: Effort,
     eps: f64,
     channels: Channels,
     contract: Option<Contract>,
@@ -166,6 +169,7 @@ impl Encoder {
             weighting: 1.0,
             trend: false,
             profile: true,
+            effort: Effort::Standard,
             eps: 1e-3,
             channels: Channels::Opponent,
             contract: None,
@@ -247,19 +251,14 @@ impl Encoder {
         Encoder { eps, ..self }
     }
 
-    /// Rms residual that the l1 recovery may leave at the samples, log domain; a tenth of the step if not set.
-    ///
-    /// Measured when filling holes (golden yellow, step 0.1): sigma 0.005 / 0.01 / 0.02 / 0.05 give files of equal
-    /// size with log rms .0092 / .0093 / .0096 / .0103; below a tenth only the time grows.
+    /// Rms residual that the l1 recovery may leave at the samples, log domain; a tenth of the step if not set. Without effect where
+    /// every entry is a sample.
     pub fn sigma(self, sigma: f64) -> Encoder {
         Encoder { sigma: Some(sigma), ..self }
     }
 
-    /// Exponent p of the weights (1 + |k|)^p on the coefficients in the l1 norm, k in half periods a block; 0 is the
-    /// plain norm, at most 4.
-    ///
-    /// Measured when filling holes (9 x 9 x 36, step 0.1), kB / log rms at p = 0, 0.5, 1, 1.5: golden yellow 79.6 /
-    /// .00801, 76.7 / .00796, 75.3 / .00793, 74.2 / .00809; alum-bronze and chrome-steel within 0.3 %.
+    /// Exponent p of the weights (1 + |k|)^p on the coefficients in the l1 norm of the recovery from samples, k in half periods a
+    /// block; 0 is the plain norm, at most 4.
     pub fn weighting(self, weighting: f64) -> Encoder {
         Encoder { weighting, ..self }
     }
@@ -275,6 +274,11 @@ impl Encoder {
     /// 4.10), where every entry is a sample and the grid is one of half and difference angles.
     pub fn profile(self, profile: bool) -> Encoder {
         Encoder { profile, ..self }
+    }
+
+    /// How long an encode of all valid entries may take for fewer bytes.
+    pub fn effort(self, effort: Effort) -> Encoder {
+        Encoder { effort, ..self }
     }
 
     /// Most iterations of one l1 solve.
@@ -368,7 +372,7 @@ impl Encoder {
     /// The table made ready for blocks, if every valid entry counts.
     fn dense(&self, table: &BrdfTable, transform: &ChannelTransform) -> Option<Dense> {
         let every = self.sampling == Sampling::Every && !self.whole_table();
-        every.then(|| Dense::new(table, transform, self.eps, self.basis == Basis::Dct, self.profile, self.step))
+        every.then(|| Dense::new(table, transform, self))
     }
 
     /// One encode at the encoder's step; `dense` is the table made ready for it, if that is to be.

@@ -4,10 +4,11 @@
 use rayon::prelude::*;
 
 use super::blocks::gather_log;
-use super::grazing;
+use super::{Encoder, grazing};
 use crate::block::Block;
 use crate::channel::ChannelTransform;
 use crate::format::profile::CodedProfile;
+use crate::fourier::Basis;
 use crate::profile::Profile;
 use crate::table::BrdfTable;
 
@@ -31,35 +32,24 @@ pub(super) struct DenseBlock {
 }
 
 impl Dense {
-    /// `profile`: whether to fit one if the grid can have it. `step` is that of the quantiser.
-    pub(super) fn new(
-        table: &BrdfTable,
-        transform: &ChannelTransform,
-        eps: f64,
-        zeros: bool,
-        profile: bool,
-        step: f32,
-    ) -> Dense {
+    /// With a profile if the encoder is to fit one and the grid can have it.
+    pub(super) fn new(table: &BrdfTable, transform: &ChannelTransform, encoder: &Encoder) -> Dense {
         let grid = table.grid();
-        let (n, channels) = (grid.positions(), grid.channels().len());
+        let channels = grid.channels().len();
         let whole = Block { origin: [0; 4], shape: grid.shape() };
-        let (values, valid) = gather_log(table, &whole, eps);
+        let (values, valid) = gather_log(table, &whole, encoder.eps);
         let mut log: Vec<f32> = values.iter().map(|&value| value as f32).collect();
         let is_zero = |i: usize| valid[i] && table.values()[i] == 0.0;
-        let zeros = zeros && (0..valid.len()).any(is_zero);
+        let zeros = (0..valid.len()).any(is_zero);
         let known: Vec<bool> = if zeros { (0..valid.len()).map(|i| valid[i] && !is_zero(i)).collect() } else { valid };
-        let fitted = if profile { grazing::fit(grid, transform, &log, &known, step) } else { None };
+        let fit = || grazing::fit(grid, transform, &log, &known, encoder.step, encoder.effort);
+        let fitted = if encoder.profile && encoder.basis == Basis::Dct { fit() } else { None };
         let profile = fitted.map(|(coded, profile)| {
             subtract(&profile, transform, grid.shape(), &mut log);
             coded
         });
         fill_roughly(grid.shape(), channels, &mut log, &known);
-        Dense { shape: grid.shape(), channels, log, known, zeros, profile }.checked(n)
-    }
-
-    fn checked(self, n: usize) -> Dense {
-        debug_assert_eq!(self.log.len(), n * self.channels);
-        self
+        Dense { shape: grid.shape(), channels, log, known, zeros, profile }
     }
 
     pub(super) fn block(&self, block: &Block) -> DenseBlock {

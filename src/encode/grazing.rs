@@ -11,6 +11,7 @@
 
 use rayon::prelude::*;
 
+use super::Effort;
 use crate::channel::ChannelTransform;
 use crate::entropy::{self, Walk};
 use crate::format::profile::{CodedProfile, TABLES};
@@ -30,8 +31,6 @@ const ZONE: f32 = 0.15;
 const DELTA: f32 = 0.05;
 const SMOOTHNESS: f32 = 0.5;
 const RIDGE: f32 = 0.1;
-const REWEIGHTS: usize = 4;
-const ITERATIONS: usize = 20;
 
 /// Every so many bins of theta_h take part: the tables between are smooth.
 const STRIDE: usize = 2;
@@ -200,7 +199,7 @@ fn planes(grid: &Grid, known: &[bool]) -> Option<Vec<Plane>> {
 }
 
 /// Tables of a component with these values, in grid order.
-fn solve(planes: &[Plane], bins: [usize; 2], values: &[f32]) -> Tables {
+fn solve(planes: &[Plane], bins: [usize; 2], values: &[f32], (rounds, steps): (usize, usize)) -> Tables {
     // Planes are grouped in a fixed way, so that sums do not depend on the number of threads.
     let over = |add: &(dyn Fn(usize, &mut Tables) + Sync)| {
         let numbers: Vec<usize> = (0..planes.len()).collect();
@@ -216,7 +215,7 @@ fn solve(planes: &[Plane], bins: [usize; 2], values: &[f32]) -> Tables {
     };
     let mut weights: Vec<Vec<f32>> = planes.iter().map(|p| vec![1.0; p.pairs.len()]).collect();
     let mut x = Tables::zero(bins);
-    for round in 0..REWEIGHTS {
+    for round in 0..rounds {
         let residuals: Vec<Vec<f32>> = planes
             .par_iter()
             .map(|plane| {
@@ -254,7 +253,7 @@ fn solve(planes: &[Plane], bins: [usize; 2], values: &[f32]) -> Tables {
         let mut z = scaled(&r);
         let mut direction = z.clone();
         let mut energy = r.dot(&z);
-        for _ in 0..ITERATIONS {
+        for _ in 0..steps {
             if energy <= 1e-12 {
                 break;
             }
@@ -284,6 +283,7 @@ pub(super) fn fit(
     log: &[f32],
     known: &[bool],
     step: f32,
+    effort: Effort,
 ) -> Option<(CodedProfile, Profile)> {
     let bins = bins(grid)?;
     let channels = grid.channels().len();
@@ -294,8 +294,10 @@ pub(super) fn fit(
     let mut components: Vec<f64> = log.iter().map(|&value| value.into()).collect();
     transform.forward(&mut components, channels);
     let components: Vec<f32> = components.iter().map(|&value| value as f32).collect();
-    let tables: Vec<Tables> =
-        components.chunks_exact(grid.positions()).map(|values| solve(&planes, bins, values)).collect();
+    let tables: Vec<Tables> = components
+        .chunks_exact(grid.positions())
+        .map(|values| solve(&planes, bins, values, effort.profile_steps()))
+        .collect();
     let mut first = Vec::new();
     let mut encoder = Encoder::new(&vec![1 << 15; entropy::CONTEXTS]);
     let mut walk = Walk::default();

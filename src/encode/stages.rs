@@ -16,10 +16,6 @@ use crate::error::{Error, Result};
 use crate::sample::block_seed;
 use crate::table::BrdfTable;
 
-/// Steps of filling the holes of a block. Golden yellow, 9 x 9 x 60, step 0.1, kB / log rms: 30 steps 59.4 / .0077, 80 steps
-/// 55.8 / .0076; paper white 28.6 / .0049, 27.0 / .0048.
-const FILL_STEPS: usize = 40;
-
 impl Encoder {
     pub(super) fn recovery(&self, iterations: usize) -> Recovery {
         let (basis, sampling, weighting) = (self.basis, self.base_sampling(), self.weighting);
@@ -115,7 +111,7 @@ impl Encoder {
                 || Filler::new(self.basis),
                 |filler, number| {
                     let block = partition.block(number).expect("number is below the count");
-                    let quantized = self.quantize_dense(dense, transform, filler, &block, FILL_STEPS);
+                    let quantized = self.quantize_dense(dense, transform, filler, &block, self.effort.fill_steps());
                     progress((done.fetch_add(1, Ordering::Relaxed) + 1) as f64 / count as f64);
                     quantized.ok_or_else(|| self.too_fine())
                 },

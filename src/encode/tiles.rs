@@ -7,18 +7,15 @@
 
 use rayon::prelude::*;
 
-use super::Encoder;
 use super::dense::Dense;
 use super::fill::Filler;
+use super::{Effort, Encoder};
 use crate::block::{Block, Partition};
 use crate::channel::ChannelTransform;
 use crate::entropy::{CONTEXTS, Walk};
 use crate::error::{Error, Result};
 use crate::format::check_block;
 use crate::range::{Costs, Counter};
-
-/// Steps of the filling in a trial: enough to rank shapes.
-const STEPS: usize = 4;
 
 /// Bytes that each block costs in index and record besides its coefficients.
 const OVERHEAD: f64 = 10.5;
@@ -48,16 +45,7 @@ fn tilings(axes: usize) -> Tilings {
             wide: &[18, 18, 180],
             wide_shapes: &[&[18, 18, 180], &[9, 18, 180], &[18, 9, 180], &[9, 9, 180]],
             narrow: &[18, 18, 60],
-            narrow_shapes: &[
-                &[9, 9, 60],
-                &[18, 18, 60],
-                &[9, 18, 60],
-                &[18, 9, 60],
-                &[6, 9, 60],
-                &[9, 9, 30],
-                &[9, 9, 20],
-                &[6, 6, 20],
-            ],
+            narrow_shapes: &[&[9, 9, 60], &[18, 18, 60], &[9, 18, 60], &[18, 9, 60], &[6, 9, 60], &[9, 9, 20]],
         },
         _ => Tilings {
             wide: &[10, 12, 12, 36],
@@ -106,8 +94,12 @@ impl Encoder {
             }
             all
         };
-        let narrow_shapes = usable(narrow_shapes, narrow);
+        let mut narrow_shapes = usable(narrow_shapes, narrow);
         let mut wide_shapes = usable(wide_shapes, wide);
+        if self.effort == Effort::Fast {
+            narrow_shapes.truncate(1);
+            wide_shapes.truncate(1);
+        }
         wide_shapes.retain(|shape| !narrow_shapes.contains(shape));
         let whole = Block { origin: [0; 4], shape: grid.shape() };
         let Some(&first) = narrow_shapes.first() else {
@@ -174,7 +166,7 @@ impl Encoder {
                 |state: Result<_>, block| {
                     let (mut counter, mut filler, mut walk) = state?;
                     let mut quantized = self
-                        .quantize_dense(dense, transform, &mut filler, block, STEPS)
+                        .quantize_dense(dense, transform, &mut filler, block, self.effort.trial_steps())
                         .ok_or_else(|| self.too_fine())?;
                     let coded = walk.code(&mut counter, block.shape, &mut quantized.coefficients, &mut Vec::new());
                     debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
@@ -204,8 +196,9 @@ impl Encoder {
     ) -> Result<f64> {
         let mut price = 0.0;
         for block in blocks {
-            let mut quantized =
-                self.quantize_dense(dense, transform, filler, block, STEPS).ok_or_else(|| self.too_fine())?;
+            let mut quantized = self
+                .quantize_dense(dense, transform, filler, block, self.effort.trial_steps())
+                .ok_or_else(|| self.too_fine())?;
             let coded = walk.code(costs, block.shape, &mut quantized.coefficients, &mut Vec::new());
             debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
             let step = f64::from(self.step);

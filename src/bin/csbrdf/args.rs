@@ -95,6 +95,12 @@ pub struct EncodeArgs {
     /// Quantiser step in the log domain: smaller is better and larger [default: the preset's, 0.1]
     #[arg(long, value_name = "STEP", value_parser = positive::<f32>)]
     pub quality: Option<f32>,
+    /// How long an encode of all valid entries may take for fewer bytes [default: standard]
+    #[arg(long, value_enum)]
+    pub effort: Option<EffortArg>,
+    /// The same as --effort fast
+    #[arg(long, conflicts_with = "effort")]
+    pub fast: bool,
     /// Share of the entries to sample: 0 to 1, or with %; or auto: in each block as many as --rmse needs [default: the
     /// preset's]
     #[arg(long, value_name = "RATIO|auto", value_parser = sampling)]
@@ -424,6 +430,17 @@ pub enum FigureArg {
     Sheet,
     /// Two materials in one scene
     Scene,
+}
+
+/// `--effort`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum EffortArg {
+    /// Two block shapes, holes filled in few steps
+    Fast,
+    /// Block shapes by tile
+    Standard,
+    /// The same with more steps wherever holes are filled
+    Thorough,
 }
 
 /// `--preset`.

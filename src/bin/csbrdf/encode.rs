@@ -7,7 +7,7 @@ use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
 use csbrdf::encode::contract::Contract;
-use csbrdf::encode::{Channels, Encoder, Preset};
+use csbrdf::encode::{Channels, Effort, Encoder, Preset};
 use csbrdf::format::metadata::Metadata;
 use csbrdf::fourier::Basis;
 use csbrdf::sample::Sampling;
@@ -16,7 +16,7 @@ use csbrdf::table::merl::read_merl;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use sha2::{Digest, Sha256};
 
-use crate::args::{BasisArg, ChannelsArg, EncodeArgs, PresetArg, SamplingArg};
+use crate::args::{BasisArg, ChannelsArg, EffortArg, EncodeArgs, PresetArg, SamplingArg};
 use crate::failure::{Failure, Outcome, note};
 use crate::input::{self, is_dash, label};
 use crate::output::Target;
@@ -167,6 +167,14 @@ pub fn encoder(args: &EncodeArgs) -> Encoder {
     }
     if let Some(iterations) = args.iterations {
         encoder = encoder.iterations(iterations as usize);
+    }
+    let effort = if args.fast { Some(EffortArg::Fast) } else { args.effort };
+    if let Some(effort) = effort {
+        encoder = encoder.effort(match effort {
+            EffortArg::Fast => Effort::Fast,
+            EffortArg::Standard => Effort::Standard,
+            EffortArg::Thorough => Effort::Thorough,
+        });
     }
     if let Some(weighting) = args.weighting {
         encoder = encoder.weighting(weighting);
