@@ -130,3 +130,54 @@ impl Profile {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Tables that are all powers of the elevation's square root have a sum in closed form: between knots the interpolation
+    /// of a line is the line.
+    #[test]
+    fn a_profile_linear_in_the_root_of_the_elevation_is_exact() {
+        let grid = Grid::merl();
+        let (knots, zone) = (9, 0.25f32);
+        // even: 1 - u / 8, odd: half of it, over theta_h alone; zero at the last knot.
+        let ramp = |factor: f32| -> Vec<f32> {
+            (0..3 * 90 * knots).map(|i| factor * (1.0 - (i % knots) as f32 / 8.0)).collect()
+        };
+        let zero = vec![0.0; 3 * 90 * knots];
+        let profile = Profile::new(&grid, knots, zone, [ramp(1.0), ramp(0.5), zero.clone(), zero]).unwrap();
+        let block = Block { origin: [0, 40, 60, 30], shape: [1, 20, 25, 90] };
+        let n = block.positions();
+        let mut values = vec![2f32; 3 * n];
+        profile.add(&block, &mut values);
+        let mut inside = 0;
+        for (p, at) in crate::block::positions(block.shape).enumerate() {
+            let angle =
+                |axis: usize, extra: usize| grid.axes()[axis].angle((block.origin[1 + axis] + extra) as f64 + 0.5);
+            let (h, d, phi) = (angle(0, at[1]), angle(1, at[2]), angle(2, at[3]));
+            let side = |sign: f64| {
+                let elevation = h.cos() * d.cos() + sign * h.sin() * d.sin() * phi.cos();
+                (1.0 - (elevation.max(0.0) / f64::from(zone)).sqrt()).max(0.0)
+            };
+            let expected = 2.0 + 1.5 * side(-1.0) + 0.5 * side(1.0);
+            inside += usize::from(expected > 2.0);
+            for c in 0..3 {
+                assert!(
+                    (f64::from(values[c * n + p]) - expected).abs() < 2e-5,
+                    "{at:?} {} {expected}",
+                    values[c * n + p]
+                );
+            }
+        }
+        assert!(inside > n / 10 && inside < n, "{inside} of {n}");
+    }
+
+    #[test]
+    fn only_half_difference_grids_have_profiles() {
+        assert_eq!(bins(&Grid::merl()), Some([90, 90]));
+        let mut axes = Grid::merl().axes().to_vec();
+        axes.swap(0, 1);
+        assert_eq!(bins(&Grid::new(axes, Grid::merl().channels().to_vec()).unwrap()), None);
+    }
+}

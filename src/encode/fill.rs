@@ -126,3 +126,45 @@ impl Filler {
         steps
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What is known comes back, and a channel that is not known in places is told by the others.
+    #[test]
+    fn known_values_stay_and_holes_become_sparse() {
+        let shape = [1, 6, 8, 20];
+        let n = 960;
+        let opponent = ChannelTransform::opponent();
+        // Two cosines, the same in all channels: two coefficients of one component.
+        let truth = |p: usize| {
+            let (j, k) = ((p / 20 % 8) as f64, (p % 20) as f64);
+            3.0 * (std::f64::consts::PI * (j + 0.5) / 8.0).cos() + (std::f64::consts::PI * 2.0 * (k + 0.5) / 20.0).cos()
+        };
+        let mut random = crate::sample::SplitMix64(5);
+        let known: Vec<bool> = (0..3 * n).map(|_| random.next_u64() % 10 < 7).collect();
+        let mut log: Vec<f64> = (0..3 * n).map(|i| if known[i] { truth(i % n) } else { 0.0 }).collect();
+        let mut filler = Filler::new(Basis::Dct);
+        assert_eq!(filler.analyze(shape, &opponent, &mut log, &known, 0.05, 120), 120);
+        let large = log.iter().filter(|c| c.abs() > 0.5).count();
+        assert_eq!(large, 2, "{large} coefficients");
+        let mut fourier = Transform::new(Basis::Dct, shape);
+        log.chunks_exact_mut(n).for_each(|component| fourier.synthesize(component));
+        opponent.inverse_f64(&mut log, 3);
+        for (i, value) in log.iter().enumerate() {
+            let bound = if known[i] { 1e-5 } else { 0.05 };
+            assert!((value - truth(i % n)).abs() < bound, "{i}: {value} {}", truth(i % n));
+        }
+    }
+
+    #[test]
+    fn full_blocks_are_transformed_alone() {
+        let mut log: Vec<f64> = (0..24).map(|i| f64::from(i * i % 7)).collect();
+        let mut expected = log.clone();
+        Transform::new(Basis::Dct, [1, 2, 3, 4]).analyze(&mut expected);
+        let steps =
+            Filler::new(Basis::Dct).analyze([1, 2, 3, 4], &ChannelTransform::None, &mut log, &[true; 24], 0.1, 9);
+        assert_eq!((steps, log), (0, expected));
+    }
+}

@@ -99,3 +99,56 @@ fn a_target_below_the_quantisers_error_is_refused() {
     let error = Encoder::new().sampling_for(0.005).encode(&table()).unwrap_err().to_string();
     assert!(error.contains("quality"), "{error}");
 }
+
+/// A steep course near the horizon goes into the profile: fewer bytes at no larger error; and exact zeros stay exact.
+#[test]
+fn profiles_pay_and_zeros_are_exact() {
+    let merl = Grid::merl();
+    let axes: Vec<Axis> = merl.axes().iter().zip([30, 30, 60]).map(|(&axis, len)| Axis { len, ..axis }).collect();
+    let grid = Grid::new(axes, merl.channels().to_vec()).unwrap();
+    let plain = Recipe::named("satin-paint").unwrap().synthesise(&grid).unwrap();
+    let horizon = crate::horizon::Horizon::new(&grid).unwrap();
+    let n = grid.positions();
+    let mut values = plain.values().to_vec();
+    for (p, at) in crate::block::positions(grid.shape()).enumerate() {
+        let near = (0.1 - horizon.elevation(at)).max(0.0);
+        for c in 0..3 {
+            if plain.valid()[c * n + p] {
+                values[c * n + p] *= (40.0 * near).exp();
+                if c == 2 && at[1] > 12 && at[2] < 9 {
+                    values[c * n + p] = 0.0;
+                }
+            }
+        }
+    }
+    let table = BrdfTable::from_parts(grid, values, plain.valid().to_vec()).unwrap();
+    let with = Encoder::new().block_shape(&[10, 10, 60]).encode(&table).unwrap();
+    let without = Encoder::new().block_shape(&[10, 10, 60]).profile(false).encode(&table).unwrap();
+    let (a, b) = (with.bytes.len() as f64, without.bytes.len() as f64);
+    assert!(
+        a < 0.9 * b && with.report.log_rms < 1.1 * without.report.log_rms,
+        "{a} {b} {:?} {:?}",
+        with.report,
+        without.report
+    );
+    for bytes in [with.bytes, without.bytes] {
+        let reader = Reader::open(bytes).unwrap();
+        let (single, double) = (reader.decode_all().unwrap(), reader.decode_table().unwrap());
+        for (i, value) in table.values().iter().enumerate().filter(|(i, _)| table.valid()[*i]) {
+            assert!(*value != 0.0 || (single[i] == 0.0 && double.values()[i] == 0.0), "{i}");
+        }
+    }
+}
+
+/// More effort, no more bytes than a little above; any effort keeps the error.
+#[test]
+fn efforts_trade_seconds_for_bytes() {
+    let table = table();
+    let encode = |effort| Encoder::new().effort(effort).encode(&table).unwrap();
+    let [fast, standard, thorough] = [Effort::Fast, Effort::Standard, Effort::Thorough].map(encode);
+    assert!(standard.bytes.len() as f64 <= 1.02 * fast.bytes.len() as f64);
+    assert!(thorough.bytes.len() as f64 <= 1.02 * standard.bytes.len() as f64);
+    for encoded in [&fast, &standard, &thorough] {
+        assert!(encoded.report.log_rms < 0.03, "{:?}", encoded.report);
+    }
+}
