@@ -35,7 +35,7 @@ pub struct Cli {
 /// The subcommands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Compress MERL .binary tables into .csbrdf files
+    /// Compress MERL .binary tables, or a folder of them, into .csbrdf files
     #[command(after_help = EXIT_CODES)]
     Encode(EncodeArgs),
     /// List what to measure, for encode --samples
@@ -44,10 +44,10 @@ pub enum Command {
     /// Write the table of a .csbrdf file, or one block of it
     #[command(after_help = EXIT_CODES)]
     Decode(DecodeArgs),
-    /// Show what .csbrdf files hold
+    /// Show what .csbrdf files or manifests hold
     #[command(after_help = EXIT_CODES)]
     Info(InfoArgs),
-    /// Check every byte of .csbrdf files
+    /// Check every byte of .csbrdf files, or of all that a manifest lists
     #[command(after_help = EXIT_CODES)]
     Verify(VerifyArgs),
     /// Measure how far one table is from another
@@ -73,7 +73,7 @@ pub enum Command {
 /// Arguments of `encode`.
 #[derive(Debug, Args)]
 pub struct EncodeArgs {
-    /// MERL .binary tables, or - for standard input
+    /// MERL .binary tables, folders of them (not those in folders within), or - for standard input
     #[arg(required_unless_present = "samples", conflicts_with = "samples", value_name = "INPUT")]
     pub inputs: Vec<PathBuf>,
     /// A list of measurements in place of a table, or - for standard input: CSV as of `csbrdf plan` with columns r, g, b in
@@ -86,9 +86,17 @@ pub struct EncodeArgs {
     /// Output file, - for standard output; if not given, the input's name with .csbrdf, beside it
     #[arg(short, long, value_name = "OUT", conflicts_with = "out_dir")]
     pub output: Option<PathBuf>,
-    /// Folder for the outputs, made if it does not exist
+    /// Folder for the outputs, made if it does not exist; needed if an input is a folder
     #[arg(long, value_name = "DIR")]
     pub out_dir: Option<PathBuf>,
+    /// Write manifest.json into --out-dir, with the hashes, sources and errors of the files: for `csbrdf verify` and
+    /// `csbrdf info`. Always if an input is a folder
+    #[arg(long, requires = "out_dir", conflicts_with = "samples")]
+    pub manifest: bool,
+    /// Tables to encode at a time, some 100 to 300 MB each. The result does not depend on it [default: as many as
+    /// threads, at most 4]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
+    pub jobs: Option<u16>,
     /// Settings to start from; the options below change them [default: archive, or sparse with --samples]
     #[arg(long, value_enum)]
     pub preset: Option<PresetArg>,
@@ -219,7 +227,7 @@ pub struct DecodeArgs {
 /// Arguments of `info`.
 #[derive(Debug, Args)]
 pub struct InfoArgs {
-    /// .csbrdf files, or - for standard input
+    /// .csbrdf files or manifests, or - for standard input
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// One JSON object a file, one a line
@@ -233,11 +241,13 @@ pub struct InfoArgs {
 /// Arguments of `verify`.
 #[derive(Debug, Args)]
 pub struct VerifyArgs {
-    /// .csbrdf files, or - for standard input
+    /// .csbrdf files, or - for standard input; or the manifest.json of a set: its folder must hold the files that the
+    /// manifest lists, byte for byte, and no other .csbrdf files
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Compare with the table that the file was made from: that each block's error is within what the index states, the
-    /// errors within what the metadata state, and the contract kept; for one file
+    /// errors within what the metadata state, and the contract kept; for one file. For a manifest: the folder of the
+    /// tables, by the names that they had
     #[arg(long, value_name = "ORIGINAL")]
     pub against: Option<PathBuf>,
 }

@@ -1,5 +1,6 @@
-//! `csbrdf encode`: tables in, files out, one after the other: each encode is parallel inside, so that the peak of
-//! memory stays that of one.
+//! `csbrdf encode`: tables in, files out.
+
+mod batch;
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -20,6 +21,7 @@ use crate::args::{BasisArg, ChannelsArg, EffortArg, EncodeArgs, PresetArg, Sampl
 use crate::failure::{Failure, Outcome, note};
 use crate::input::{self, is_dash, label};
 use crate::output::Target;
+use crate::sets::manifest::{Kept, Material};
 use crate::text::{clean, error_figure, grouped, percent};
 use crate::{plan, samples};
 
@@ -37,11 +39,14 @@ struct Done {
     /// Samples and valid entries.
     sampled: [usize; 2],
     seconds: f64,
+    /// For the manifest.
+    material: Material,
 }
 
-pub fn run(args: &EncodeArgs, quiet: bool) -> Outcome {
-    let inputs = args.samples.as_ref().map_or(&args.inputs[..], std::slice::from_ref);
-    let targets = targets(args, inputs)?;
+pub fn run(args: &EncodeArgs, threads: Option<u16>, quiet: bool) -> Outcome {
+    let given = args.samples.as_ref().map_or(&args.inputs[..], std::slice::from_ref);
+    let (inputs, folders) = batch::expand(given, args)?;
+    let targets = targets(args, &inputs)?;
     if args.rmse.is_some() && args.quality.is_some() && args.sampling != Some(SamplingArg::Auto) {
         return Err(Failure::usage("--rmse sets the quality; give one of them"));
     }
@@ -50,41 +55,41 @@ pub fn run(args: &EncodeArgs, quiet: bool) -> Outcome {
     if let Some(folder) = &args.out_dir {
         std::fs::create_dir_all(folder).map_err(|e| Failure::io(folder, &e))?;
     }
-    if let ([input], [target]) = (inputs, &targets[..]) {
-        let done = encode(input, target, &encoder, &metadata, args, quiet)?;
-        let [samples, valid] = done.sampled;
-        let sampled = if samples < valid { format!("{} sampled, ", percent(samples, valid)) } else { String::new() };
-        if !quiet {
-            note(&format!(
-                "{} -> {target}: {} bytes, {:.1}:1, log rms {}, max {}, {}{}{:.2} s",
-                label(input),
-                grouped(done.bytes),
-                done.ratio,
-                error_figure(done.log_rms),
-                error_figure(done.log_max),
-                sampled,
-                done.contract,
-                done.seconds
-            ));
+    let manifest = args.out_dir.as_deref().filter(|_| args.manifest || folders);
+    let ([input], [target], None) = (&inputs[..], &targets[..], manifest) else {
+        let encode = |i: usize, progress: &(dyn Fn(f64) + Sync)| {
+            encode(&inputs[i], &targets[i], &encoder, &metadata, args, quiet, progress)
+        };
+        return batch::run(args, &inputs, &encode, batch::jobs(args, threads), manifest, quiet);
+    };
+    let (start, bar) = (Instant::now(), OnceLock::new());
+    let progress = |share: f64| {
+        if !quiet && start.elapsed() > PATIENCE {
+            bar.get_or_init(|| progress_bar(&label(input), 1000)).set_position((share * 1000.0) as u64);
         }
-        if done.sampled[0] == 0 {
-            note(&format!("{target}: nothing was sampled, all values are guesses; raise --sampling"));
-        }
-        return Ok(());
-    }
-    let mut results = Vec::new();
-    let mut first_failure = None;
-    for (input, target) in inputs.iter().zip(&targets) {
-        let result = encode(input, target, &encoder, &metadata, args, quiet);
-        if let Err(failure) = &result {
-            failure.report();
-        }
-        results.push((label(input), result.map_err(|failure| first_failure.get_or_insert(failure.reported()).code())));
-    }
+    };
+    let done = encode(input, target, &encoder, &metadata, args, quiet, &progress);
+    bar.get().inspect(|bar| bar.finish_and_clear());
+    let done = done?;
+    let [samples, valid] = done.sampled;
+    let sampled = if samples < valid { format!("{} sampled, ", percent(samples, valid)) } else { String::new() };
     if !quiet {
-        summarise(&results);
+        note(&format!(
+            "{} -> {target}: {} bytes, {:.1}:1, log rms {}, max {}, {}{}{:.2} s",
+            label(input),
+            grouped(done.bytes),
+            done.ratio,
+            error_figure(done.log_rms),
+            error_figure(done.log_max),
+            sampled,
+            done.contract,
+            done.seconds
+        ));
     }
-    first_failure.map_or(Ok(()), Err)
+    if done.sampled[0] == 0 {
+        note(&format!("{target}: nothing was sampled, all values are guesses; raise --sampling"));
+    }
+    Ok(())
 }
 
 /// Where each input's file goes.
@@ -267,12 +272,13 @@ fn encode(
     metadata: &Metadata,
     args: &EncodeArgs,
     quiet: bool,
+    progress: &(dyn Fn(f64) + Sync),
 ) -> Result<Done, Failure> {
     let start = Instant::now();
     let source = input::read(input)?;
     let bytes = source.as_ref();
     target.check(args.force)?;
-    let (table, metadata) = if args.samples.is_some() {
+    let (table, described) = if args.samples.is_some() {
         let table = samples::table(input, bytes, args.grid.as_deref().map(plan::merl), quiet)?;
         let metadata = describe(input, bytes, &table, metadata)?;
         (table, metadata)
@@ -282,18 +288,20 @@ fn encode(
     };
     // Of the table as MERL writes it, also where a list of measurements came in.
     let size = 12 + 8 * table.values().len();
-    drop(source);
-    let bar = OnceLock::new();
-    let progress = |share: f64| {
-        if !quiet && start.elapsed() > PATIENCE {
-            bar.get_or_init(|| progress_bar(input)).set_position((share * 1000.0) as u64);
-        }
+    // Of these very bytes, whatever --meta says of where they come from.
+    let source_sha256 = match (&metadata.source_sha256, &described.source_sha256) {
+        (None, Some(hash)) => hash.clone(),
+        _ => hex(&Sha256::digest(bytes)),
     };
-    let encoded = encoder.clone().metadata(metadata).encode_with(&table, &progress);
-    bar.get().inspect(|bar| bar.finish_and_clear());
+    drop(source);
+    let encoded = encoder.clone().metadata(described.clone()).encode_with(&table, progress);
     let encoded = encoded.map_err(|e| Failure::in_file(input, &e))?;
     let report = &encoded.report;
-    let contract = match contract(args) {
+    let contract = contract(args);
+    let kept = contract.map(|contract| Kept::of(contract, &encoded)).transpose();
+    let kept = kept.map_err(|e| Failure::in_file(input, &e))?;
+    let material = Material::new((input, source_sha256), target, described, kept, &encoded);
+    let contract = match contract {
         None => String::new(),
         Some(Contract::MaxError(_)) => {
             format!("step {:.4}, {} corrected, ", report.step, percent(report.corrected, report.valid))
@@ -310,46 +318,21 @@ fn encode(
         contract,
         sampled: [encoded.report.sampled, encoded.report.valid],
         seconds: start.elapsed().as_secs_f64(),
+        material,
     })
 }
 
 /// A bar on standard error if that is a terminal.
-fn progress_bar(input: &Path) -> ProgressBar {
-    let bar = ProgressBar::with_draw_target(Some(1000), ProgressDrawTarget::stderr());
+fn progress_bar(what: &str, length: u64) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::stderr());
     let style = ProgressStyle::with_template("{msg} [{bar:30}] {percent:>3} %  {elapsed}");
     bar.set_style(style.map(|s| s.progress_chars("=> ")).unwrap_or_else(|_| ProgressStyle::default_bar()));
-    bar.with_message(clean(&label(input)))
+    bar.with_message(clean(what))
 }
 
 /// Bytes in hexadecimal.
 pub fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
-}
-
-/// The table after several inputs.
-fn summarise(results: &[(String, Result<Done, u8>)]) {
-    let width = results.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0).max(4);
-    note(&format!("{:width$} {:>11} {:>10} {:>9} {:>9} {:>8}", "file", "bytes", "ratio", "log rms", "max", "seconds"));
-    let mut failed = 0;
-    for (name, result) in results {
-        match result {
-            Ok(done) => note(&format!(
-                "{name:width$} {:>11} {:>8.1}:1 {:>9} {:>9} {:>8.2}",
-                grouped(done.bytes),
-                done.ratio,
-                error_figure(done.log_rms),
-                error_figure(done.log_max),
-                done.seconds
-            )),
-            Err(_) => {
-                failed += 1;
-                note(&format!("{name:width$} {:>11}", "failed"));
-            }
-        }
-    }
-    if failed > 0 {
-        note(&format!("{failed} of {} failed", results.len()));
-    }
 }
 
 #[cfg(test)]

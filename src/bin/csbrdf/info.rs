@@ -1,4 +1,4 @@
-//! `csbrdf info`: what a file holds, for people and for scripts.
+//! `csbrdf info`: what a file or a manifest holds, for people and for scripts.
 
 mod blocks;
 mod contents;
@@ -12,14 +12,21 @@ use csbrdf::grid::Mapping;
 
 use crate::args::InfoArgs;
 use crate::failure::{Failure, Outcome};
+use crate::input;
 use crate::output::print;
+use crate::sets::manifest::Manifest;
+use crate::sets::table;
 use crate::text::{clean, error_figure, grouped, percent};
 use contents::{Contents, ORIGINS};
 
 pub fn run(args: &InfoArgs) -> Outcome {
     let mut first_failure = None;
     for (i, file) in args.files.iter().enumerate() {
-        let result = Contents::of(file).and_then(|contents| {
+        let result = input::read(file).and_then(|data| {
+            if Manifest::is_likely(data.as_ref()) {
+                return table::print(file, data.as_ref(), args, i > 0);
+            }
+            let contents = Contents::of(file, data)?;
             let mut text = match args.json {
                 true => format!("{}\n", json::object(&contents, args.blocks)),
                 false => report(&contents),

@@ -15,6 +15,7 @@ mod plan;
 mod quote;
 mod report;
 mod samples;
+mod sets;
 mod study;
 mod synth;
 mod text;
@@ -54,7 +55,7 @@ fn run(cli: Cli) -> Outcome {
     }
     match cli.command {
         Command::Plan(args) => plan::run(&args, cli.quiet),
-        Command::Encode(args) => encode::run(&args, cli.quiet),
+        Command::Encode(args) => encode::run(&args, cli.threads, cli.quiet),
         Command::Decode(args) => decode::run(&args),
         Command::Info(args) => info::run(&args),
         Command::Verify(args) => verify::run(&args, cli.quiet),

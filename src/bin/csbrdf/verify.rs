@@ -1,4 +1,4 @@
-//! `csbrdf verify`: every byte of a file, and what it states about its errors.
+//! `csbrdf verify`: every byte of a file or of the files of a manifest, and what they state about their errors.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -12,33 +12,69 @@ use crate::encode::hex;
 use crate::failure::{Failure, Outcome};
 use crate::input::{self, Bytes, label};
 use crate::output::print;
+use crate::sets::check;
+use crate::sets::manifest::Manifest;
 use crate::text::{clean, decibel, error_figure, grouped};
 
 pub fn run(args: &VerifyArgs, quiet: bool) -> Outcome {
     if args.against.is_some() && args.files.len() > 1 {
-        return Err(Failure::usage("--against ORIGINAL is for one file; verify them one by one"));
+        return Err(Failure::usage("--against ORIGINAL is for one file or manifest; verify them one by one"));
     }
     if args.against.as_deref().is_some_and(input::is_dash) {
         return Err(Failure::usage("--against reads the original twice; give a file, not standard input"));
     }
-    let mut first_failure = None;
+    let mut tell = Tell { quiet, first_failure: None };
     for file in &args.files {
-        let (text, result) = verify(file, args.against.as_deref());
-        if !quiet {
+        match input::read(file) {
+            Ok(bytes) if Manifest::is_likely(bytes.as_ref()) => {
+                let result = check::run(file, bytes.as_ref(), args.against.as_deref(), &mut tell);
+                tell.result(String::new(), result)?;
+            }
+            Ok(bytes) => {
+                let original = args.against.as_deref().map(|table| Original { table, sha256: None });
+                let (text, result) = verify(file, bytes, original.as_ref());
+                tell.result(text, result)?;
+            }
+            Err(failure) => tell.result(String::new(), Err(failure))?,
+        }
+    }
+    tell.first_failure.map_or(Ok(()), Err)
+}
+
+/// Tells results as they come.
+pub struct Tell {
+    /// Failures only.
+    pub quiet: bool,
+    first_failure: Option<Failure>,
+}
+
+impl Tell {
+    /// Text to standard output unless that is to be quiet, a failure to standard error. Fails if nobody reads any more.
+    pub fn result(&mut self, text: String, result: Outcome) -> Outcome {
+        if !self.quiet {
             print(&text)?;
         }
         if let Err(failure) = result {
             failure.report();
-            first_failure.get_or_insert(failure.reported());
+            self.first_failure.get_or_insert(failure.reported());
         }
+        Ok(())
     }
-    first_failure.map_or(Ok(()), Err)
 }
 
-fn verify(file: &Path, against: Option<&Path>) -> (String, Outcome) {
-    let reader = match input::open(file) {
+/// The table that a file was made from.
+pub struct Original<'a> {
+    /// Where it is.
+    pub table: &'a Path,
+    /// Its SHA-256 as others than the file state it.
+    pub sha256: Option<&'a str>,
+}
+
+/// Checks a file, and compares it with its original if that is given.
+pub fn verify(file: &Path, bytes: Bytes, against: Option<&Original>) -> (String, Outcome) {
+    let reader = match Reader::open(bytes) {
         Ok(reader) => reader,
-        Err(failure) => return (String::new(), Err(failure)),
+        Err(e) => return (String::new(), Err(Failure::in_file(file, &e))),
     };
     let name = clean(&label(file));
     let damage = reader.verify();
@@ -66,7 +102,9 @@ fn verify(file: &Path, against: Option<&Path>) -> (String, Outcome) {
 }
 
 /// Measures the file's errors against the original and adds what it finds to the text.
-fn proof(file: &Path, reader: &Reader<Bytes>, original: &Path, text: &mut String) -> Outcome {
+fn proof(file: &Path, reader: &Reader<Bytes>, original: &Original, text: &mut String) -> Outcome {
+    let sha256 = original.sha256.map(str::to_string);
+    let original = original.table;
     let failed = |e: csbrdf::Error| Failure::in_file(file, &e);
     let bytes = input::read(original)?;
     let hash = hex(&Sha256::digest(bytes.as_ref()));
@@ -74,7 +112,8 @@ fn proof(file: &Path, reader: &Reader<Bytes>, original: &Path, text: &mut String
     let proof = prove(&input::table(original)?, reader).map_err(failed)?;
     let (name, figures) = (clean(&label(file)), &proof.figures);
     let mut broken = proof.broken;
-    if let Some(stated) = reader.metadata().map_err(failed)?.source_sha256.filter(|stated| *stated != hash) {
+    let stated = reader.metadata().map_err(failed)?.source_sha256;
+    if let Some(stated) = stated.into_iter().chain(sha256).find(|stated| *stated != hash) {
         let other = clean(&label(original));
         broken.push(format!("{other} is not the table that the file was made from: SHA-256 {hash}, stated {stated}"));
     }

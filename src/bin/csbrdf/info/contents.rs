@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use serde_json::Value;
 
 use crate::failure::Failure;
-use crate::input::{self, Bytes, label};
+use crate::input::{Bytes, label};
 
 /// Origins and their names, in the order of [`Block::origins`].
 pub const ORIGINS: [(&str, Origin); 4] = [
@@ -52,8 +52,7 @@ pub struct Contents {
 
 impl Contents {
     /// Reads all of a file but the coefficients.
-    pub fn of(path: &Path) -> Result<Contents, Failure> {
-        let data = input::read(path)?;
+    pub fn of(path: &Path, data: Bytes) -> Result<Contents, Failure> {
         let bytes = data.as_ref().len();
         let reader = Reader::open(data).map_err(|e| Failure::in_file(path, &e))?;
         let mut sections: Vec<(String, usize)> =

@@ -1,0 +1,234 @@
+//! Several tables: a few at a time, so that the peak of memory stays theirs, told of in the order of the inputs.
+//!
+//! An encode is parallel inside and leaves processors idle where it reads, hashes and writes; the next one fills them.
+//! Measured on two processors, six MERL tables at the default quality, JOBS_TABLE
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::mpsc;
+use std::time::Instant;
+
+use indicatif::ProgressBar;
+
+use super::{Done, PATIENCE, progress_bar};
+use crate::args::EncodeArgs;
+use crate::failure::{Failure, Outcome, note};
+use crate::input::{is_dash, label};
+use crate::output::Target;
+use crate::sets::manifest::{self, Manifest};
+use crate::text::{error_figure, grouped};
+
+/// Most tables at a time unless more are asked for: 300 MB each, as `--preset sparse` takes, are a GB or so.
+const MOST_JOBS: usize = 4;
+
+/// Parts of one table's progress.
+const FINE: f64 = 1000.0;
+
+/// How many tables to encode at a time.
+pub fn jobs(args: &EncodeArgs, threads: Option<u16>) -> usize {
+    let threads = threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
+    args.jobs.map_or(threads.min(MOST_JOBS), usize::from)
+}
+
+/// The inputs with the tables of a folder in its place, by name; and whether there was a folder.
+pub fn expand(given: &[PathBuf], args: &EncodeArgs) -> Result<(Vec<PathBuf>, bool), Failure> {
+    let (mut inputs, mut folders) = (Vec::new(), false);
+    for path in given {
+        if is_dash(path) || args.samples.is_some() || !path.is_dir() {
+            inputs.push(path.clone());
+            continue;
+        }
+        folders = true;
+        let tables = tables(path)?;
+        if tables.is_empty() {
+            let what = "no .binary file in it; give a folder of MERL tables (csbrdf synth makes some)";
+            return Err(Failure::operation(format!("{}: {what}", path.display())));
+        }
+        inputs.extend(tables);
+    }
+    if folders && args.out_dir.is_none() {
+        return Err(Failure::usage("a folder of tables becomes a folder of files; name it with --out-dir DIR"));
+    }
+    Ok((inputs, folders))
+}
+
+/// The .binary files of a folder but hidden ones, by name.
+fn tables(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
+    let failed = |e: std::io::Error| Failure::io(folder, &e);
+    let mut tables = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(failed)? {
+        let entry = entry.map_err(failed)?;
+        let (path, hidden) = (entry.path(), entry.file_name().as_encoded_bytes().starts_with(b"."));
+        if path.extension().is_some_and(|e| e == "binary") && !hidden && !path.is_dir() {
+            tables.push(path);
+        }
+    }
+    tables.sort_unstable();
+    Ok(tables)
+}
+
+/// Encodes all inputs, `jobs` at a time; one that fails does not keep the others from being encoded. With a folder for it,
+/// writes the manifest of those that were, last.
+pub fn run(
+    args: &EncodeArgs,
+    inputs: &[PathBuf],
+    encode: &(dyn Fn(usize, &(dyn Fn(f64) + Sync)) -> Result<Done, Failure> + Sync),
+    jobs: usize,
+    folder: Option<&Path>,
+    quiet: bool,
+) -> Outcome {
+    let start = Instant::now();
+    let target = folder.map(|folder| Target::File(folder.join(manifest::NAME)));
+    if let Some(target) = &target {
+        target.check(args.force)?;
+        if let Some(input) = inputs.iter().find(|i| i.file_name().is_none_or(|name| name.to_str().is_none())) {
+            let what = "its name is not UTF-8, which a manifest must be; rename it";
+            return Err(Failure::operation(format!("{}: {what}", label(input))));
+        }
+    }
+    let progress = Progress::new(inputs, quiet);
+    let mut results = Vec::with_capacity(inputs.len());
+    let mut first_failure = None;
+    in_order(inputs.len(), jobs, &|i| encode(i, &|share| progress.advance(i, share)), &mut |i, result| {
+        if let Err(failure) = &result {
+            progress.report(failure);
+        }
+        let result = result.map_err(|failure| first_failure.get_or_insert(failure.reported()).code());
+        results.push((label(&inputs[i]), result));
+    });
+    progress.finish();
+    if !quiet {
+        summarise(&results);
+    }
+    let materials: Vec<_> =
+        results.into_iter().filter_map(|(_, result)| result.ok()).map(|done| done.material).collect();
+    // Of nothing there is no manifest, and that of an earlier run still tells the truth.
+    if let Some(target) = target.filter(|_| !materials.is_empty()) {
+        let manifest = Manifest::new(materials);
+        target.write(args.force, |out| manifest.write(out))?;
+        if !quiet {
+            let (count, bytes, ratio) = (manifest.materials.len(), manifest.bytes(), manifest.ratio());
+            let (bytes, seconds) = (grouped(bytes as usize), start.elapsed().as_secs_f64());
+            note(&format!("{target}: {count} materials, {bytes} bytes, {ratio:.1}:1, {seconds:.2} s"));
+        }
+    }
+    first_failure.map_or(Ok(()), Err)
+}
+
+/// Does `count` pieces of work, begun in order, `jobs` at a time; hands over what came of them in order, each as soon as
+/// those before it are.
+fn in_order<T: Send>(
+    count: usize,
+    jobs: usize,
+    work: &(dyn Fn(usize) -> T + Sync),
+    hand_over: &mut dyn FnMut(usize, T),
+) {
+    let next = AtomicUsize::new(0);
+    let (sender, receiver) = mpsc::channel();
+    std::thread::scope(|scope| {
+        for _ in 0..jobs.clamp(1, count.max(1)) {
+            let (next, sender) = (&next, sender.clone());
+            scope.spawn(move || {
+                loop {
+                    let i = next.fetch_add(1, Ordering::Relaxed);
+                    if i >= count || sender.send((i, work(i))).is_err() {
+                        break;
+                    }
+                }
+            });
+        }
+        drop(sender);
+        let mut waiting: Vec<Option<T>> = (0..count).map(|_| None).collect();
+        let mut first = 0;
+        for (i, result) in receiver {
+            waiting[i] = Some(result);
+            while let Some(result) = waiting.get_mut(first).and_then(Option::take) {
+                hand_over(first, result);
+                first += 1;
+            }
+        }
+    });
+}
+
+/// One bar over all tables.
+struct Progress {
+    start: Instant,
+    bar: Option<ProgressBar>,
+    shares: Vec<AtomicU64>,
+    total: AtomicU64,
+}
+
+impl Progress {
+    fn new(inputs: &[PathBuf], quiet: bool) -> Progress {
+        let length = inputs.len() as u64 * FINE as u64;
+        Progress {
+            start: Instant::now(),
+            bar: (!quiet).then(|| progress_bar(&format!("{} tables", inputs.len()), length)),
+            shares: inputs.iter().map(|_| AtomicU64::new(0)).collect(),
+            total: AtomicU64::new(0),
+        }
+    }
+
+    fn advance(&self, i: usize, share: f64) {
+        let now = (share * FINE) as u64;
+        let gain = now.saturating_sub(self.shares[i].fetch_max(now, Ordering::Relaxed));
+        let total = gain + self.total.fetch_add(gain, Ordering::Relaxed);
+        if let Some(bar) = self.bar.as_ref().filter(|_| gain > 0 && self.start.elapsed() > PATIENCE) {
+            bar.set_position(total);
+        }
+    }
+
+    /// Reports a failure beside the bar, quiet or not.
+    fn report(&self, failure: &Failure) {
+        self.bar.as_ref().map_or_else(|| failure.report(), |bar| bar.suspend(|| failure.report()));
+    }
+
+    fn finish(&self) {
+        self.bar.as_ref().inspect(|bar| bar.finish_and_clear());
+    }
+}
+
+/// The table after several inputs.
+fn summarise(results: &[(String, Result<Done, u8>)]) {
+    let width = results.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0).max(4);
+    note(&format!("{:width$} {:>11} {:>10} {:>9} {:>9} {:>8}", "file", "bytes", "ratio", "log rms", "max", "seconds"));
+    let mut failed = 0;
+    for (name, result) in results {
+        match result {
+            Ok(done) => note(&format!(
+                "{name:width$} {:>11} {:>8.1}:1 {:>9} {:>9} {:>8.2}",
+                grouped(done.bytes),
+                done.ratio,
+                error_figure(done.log_rms),
+                error_figure(done.log_max),
+                done.seconds
+            )),
+            Err(_) => {
+                failed += 1;
+                note(&format!("{name:width$} {:>11}", "failed"));
+            }
+        }
+    }
+    if failed > 0 {
+        note(&format!("{failed} of {} failed", results.len()));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn results_come_in_order_from_any_number_of_jobs() {
+        for (count, jobs) in [(0, 2), (1, 4), (20, 1), (20, 3), (5, 50)] {
+            let mut seen = Vec::new();
+            // The first ones take longest.
+            let work = |i: usize| {
+                std::thread::sleep(std::time::Duration::from_millis(if i < 2 { 20 } else { 0 }));
+                i * i
+            };
+            in_order(count, jobs, &work, &mut |i, square| seen.push((i, square)));
+            assert_eq!(seen, (0..count).map(|i| (i, i * i)).collect::<Vec<_>>(), "{count} by {jobs}");
+        }
+    }
+}
