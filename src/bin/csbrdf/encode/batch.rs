@@ -25,6 +25,9 @@ const MOST_JOBS: usize = 4;
 /// Parts of one table's progress.
 const FINE: f64 = 1000.0;
 
+/// Encodes the input of a number; the function given takes its progress, 0 to 1.
+type Encode<'a> = dyn Fn(usize, &(dyn Fn(f64) + Sync)) -> Result<Done, Failure> + Sync + 'a;
+
 /// How many tables to encode at a time.
 pub fn jobs(args: &EncodeArgs, threads: Option<u16>) -> usize {
     let threads = threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
@@ -73,7 +76,7 @@ fn tables(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
 pub fn run(
     args: &EncodeArgs,
     inputs: &[PathBuf],
-    encode: &(dyn Fn(usize, &(dyn Fn(f64) + Sync)) -> Result<Done, Failure> + Sync),
+    encode: &Encode,
     jobs: usize,
     folder: Option<&Path>,
     quiet: bool,
