@@ -2,7 +2,7 @@
 //!
 //! An encode is parallel inside and leaves processors idle where it reads, hashes and writes; the next one fills them.
 //! Six MERL tables on two processors, shared with other work (one was had on average), best of three runs with 1, 2, 3, 4
-//! at a time: 29.4, 27.2, 29.4, 31.2 s, peak 215, 352, 508, 638 MB. The seconds differ by less than from run to run.
+//! at a time: 29.4, 27.2, 29.4, 31.2 s, peak 220, 361, 521, 653 MB. The seconds differ by less than from run to run.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -19,7 +19,7 @@ use crate::output::Target;
 use crate::sets::manifest::{self, Manifest};
 use crate::text::{error_figure, grouped};
 
-/// Most tables at a time unless more are asked for: with these 640 MB were measured at the default settings.
+/// Most tables at a time unless more are asked for: with these 653 MB were measured at the default settings.
 const MOST_JOBS: usize = 4;
 
 /// Parts of one table's progress.
