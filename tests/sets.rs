@@ -114,7 +114,7 @@ fn edit(path: &Path, change: impl FnOnce(&mut Value)) {
 #[test]
 fn a_folder_becomes_files_and_a_manifest() {
     let f = fixture();
-    assert_eq!(names(&f.set), ["mirror-like.csbrdf", "manifest.json", "pearl.csbrdf", "satin-paint.csbrdf"]);
+    assert_eq!(names(&f.set), ["manifest.json", "mirror-like.csbrdf", "pearl.csbrdf", "satin-paint.csbrdf"]);
     let rows: Vec<&str> = f.stderr.lines().filter(|l| l.contains(":1 ")).collect();
     assert!(rows.len() == 3 && NAMES.iter().zip(&rows).all(|(n, row)| row.contains(n)), "{}", f.stderr);
     let last = f.stderr.lines().last().unwrap();
@@ -248,7 +248,7 @@ fn a_failing_table_does_not_lose_the_others() {
     let made =
         made.says(&["bad.binary: is a text file"]).says(&["1 of 3 failed"]).says(&["manifest.json: 2 materials"]);
     assert!(made.stderr.lines().next().unwrap().contains("bad.binary"));
-    assert_eq!(names(out.path()), ["mirror-like.csbrdf", "manifest.json", "pearl.csbrdf"]);
+    assert_eq!(names(out.path()), ["manifest.json", "mirror-like.csbrdf", "pearl.csbrdf"]);
     let path = out.path().join("manifest.json");
     run(&["verify", text(&path)]).expect(OK);
 
