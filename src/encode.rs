@@ -360,7 +360,7 @@ impl Encoder {
         let mut encoded = match self.contract {
             Some(contract) => contract::fulfil(self, contract, table, progress)?,
             None => {
-                let dense = self.dense(table, &self.choose_transform(table));
+                let dense = self.dense(table, &self.choose_transform(table))?;
                 let trial = self.trial(table, dense.as_ref(), progress)?;
                 Encoded { bytes: self.finish(&trial, None)?, report: trial.report }
             }
@@ -369,10 +369,19 @@ impl Encoder {
         Ok(encoded)
     }
 
-    /// The table made ready for blocks, if every valid entry counts.
-    fn dense(&self, table: &BrdfTable, transform: &ChannelTransform) -> Option<Dense> {
-        let every = self.sampling == Sampling::Every && !self.whole_table();
-        every.then(|| Dense::new(table, transform, self))
+    /// The table made ready for blocks, if every valid entry counts: with a grazing profile where that costs less.
+    fn dense(&self, table: &BrdfTable, transform: &ChannelTransform) -> Result<Option<Dense>> {
+        if self.sampling != Sampling::Every || self.whole_table() {
+            return Ok(None);
+        }
+        let grid = table.grid();
+        let plain = Dense::new(table, self.eps);
+        let fitted = self.profile && self.basis == Basis::Dct;
+        let steep = fitted.then(|| plain.with_profile(grid, transform, self)).flatten();
+        let plain = plain.filled();
+        let Some(steep) = steep.map(Dense::filled) else { return Ok(Some(plain)) };
+        let dearer = self.price_whole(&steep, transform, grid)? >= self.price_whole(&plain, transform, grid)?;
+        Ok(Some(if dearer { plain } else { steep }))
     }
 
     /// One encode at the encoder's step; `dense` is the table made ready for it, if that is to be.

@@ -160,7 +160,7 @@ pub(super) fn fulfil(
         _ => None,
     };
     // What does not depend on the step is done once.
-    let dense = encoder.dense(table, &encoder.choose_transform(table));
+    let dense = encoder.dense(table, &encoder.choose_transform(table))?;
     let mut done = 0;
     let mut partition = None;
     let mut trial = |step: f32| -> Result<(Encoded, f64)> {

@@ -8,7 +8,7 @@ use super::{Encoder, grazing};
 use crate::block::Block;
 use crate::channel::ChannelTransform;
 use crate::format::profile::CodedProfile;
-use crate::fourier::Basis;
+use crate::grid::Grid;
 use crate::profile::Profile;
 use crate::table::BrdfTable;
 
@@ -32,24 +32,30 @@ pub(super) struct DenseBlock {
 }
 
 impl Dense {
-    /// With a profile if the encoder is to fit one and the grid can have it.
-    pub(super) fn new(table: &BrdfTable, transform: &ChannelTransform, encoder: &Encoder) -> Dense {
+    /// Without a profile, holes not filled yet.
+    pub(super) fn new(table: &BrdfTable, eps: f64) -> Dense {
         let grid = table.grid();
-        let channels = grid.channels().len();
         let whole = Block { origin: [0; 4], shape: grid.shape() };
-        let (values, valid) = gather_log(table, &whole, encoder.eps);
-        let mut log: Vec<f32> = values.iter().map(|&value| value as f32).collect();
+        let (values, valid) = gather_log(table, &whole, eps);
+        let log: Vec<f32> = values.iter().map(|&value| value as f32).collect();
         let is_zero = |i: usize| valid[i] && table.values()[i] == 0.0;
         let zeros = (0..valid.len()).any(is_zero);
         let known: Vec<bool> = if zeros { (0..valid.len()).map(|i| valid[i] && !is_zero(i)).collect() } else { valid };
-        let fit = || grazing::fit(grid, transform, &log, &known, encoder.step, encoder.effort);
-        let fitted = if encoder.profile && encoder.basis == Basis::Dct { fit() } else { None };
-        let profile = fitted.map(|(coded, profile)| {
-            subtract(&profile, transform, grid.shape(), &mut log);
-            coded
-        });
-        fill_roughly(grid.shape(), channels, &mut log, &known);
-        Dense { shape: grid.shape(), channels, log, known, zeros, profile }
+        Dense { shape: grid.shape(), channels: grid.channels().len(), log, known, zeros, profile: None }
+    }
+
+    /// The same with the profile that fits best, taken out; `None` if there is none.
+    pub(super) fn with_profile(&self, grid: &Grid, transform: &ChannelTransform, encoder: &Encoder) -> Option<Dense> {
+        let (coded, profile) = grazing::fit(grid, transform, &self.log, &self.known, encoder.step, encoder.effort)?;
+        let mut log = self.log.clone();
+        subtract(&profile, transform, self.shape, &mut log);
+        Some(Dense { log, known: self.known.clone(), profile: Some(coded), ..*self })
+    }
+
+    /// Guesses for what is not known.
+    pub(super) fn filled(mut self) -> Dense {
+        fill_roughly(self.shape, self.channels, &mut self.log, &self.known);
+        self
     }
 
     pub(super) fn block(&self, block: &Block) -> DenseBlock {

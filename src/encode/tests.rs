@@ -107,14 +107,16 @@ fn profiles_pay_and_zeros_are_exact() {
     let axes: Vec<Axis> = merl.axes().iter().zip([30, 30, 60]).map(|(&axis, len)| Axis { len, ..axis }).collect();
     let grid = Grid::new(axes, merl.channels().to_vec()).unwrap();
     let plain = Recipe::named("satin-paint").unwrap().synthesise(&grid).unwrap();
-    let horizon = crate::horizon::Horizon::new(&grid).unwrap();
     let n = grid.positions();
     let mut values = plain.values().to_vec();
     for (p, at) in crate::block::positions(grid.shape()).enumerate() {
-        let near = (0.1 - horizon.elevation(at)).max(0.0);
+        let angle = |axis: usize| grid.axes()[axis].angle(at[1 + axis] as f64 + 0.5);
+        let (h, d, phi) = (angle(0), angle(1), angle(2));
+        // Of light and of sensor, as a measurement that loses its light below 6 degrees would.
+        let course = |sign: f64| 30.0 * (0.1 - (h.cos() * d.cos() + sign * h.sin() * d.sin() * phi.cos())).max(0.0);
         for c in 0..3 {
             if plain.valid()[c * n + p] {
-                values[c * n + p] *= (40.0 * near).exp();
+                values[c * n + p] *= (-course(-1.0) - course(1.0)).exp();
                 if c == 2 && at[1] > 12 && at[2] < 9 {
                     values[c * n + p] = 0.0;
                 }

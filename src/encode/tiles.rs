@@ -15,6 +15,8 @@ use crate::channel::ChannelTransform;
 use crate::entropy::{CONTEXTS, Walk};
 use crate::error::{Error, Result};
 use crate::format::check_block;
+use crate::format::profile::write_profile;
+use crate::grid::Grid;
 use crate::range::{Costs, Counter};
 
 /// Bytes that each block costs in index and record besides its coefficients.
@@ -79,7 +81,7 @@ impl Encoder {
         &self,
         dense: &Dense,
         transform: &ChannelTransform,
-        grid: &crate::grid::Grid,
+        grid: &Grid,
         progress: &(dyn Fn(f64) + Sync),
     ) -> Result<Partition> {
         let channels = grid.channels().len();
@@ -107,7 +109,7 @@ impl Encoder {
                 "with {channels} channels no usual block shape is within the format's limits; give a smaller one"
             )));
         };
-        let costs = self.train(dense, transform, &cut(&whole, first))?;
+        let costs = Costs::new(&self.count(dense, transform, &cut(&whole, first))?.0);
         progress(0.1);
         let (wide_tiles, narrow_tiles) = (cut(&whole, wide), cut(&whole, narrow));
         // Costs [tile][shape].
@@ -157,31 +159,38 @@ impl Encoder {
         }
     }
 
-    /// What decisions cost, counted on blocks.
-    fn train(&self, dense: &Dense, transform: &ChannelTransform, blocks: &[Block]) -> Result<Costs> {
-        let counter = blocks
+    /// Bits of the whole table in blocks of the first narrow shape, with its profile and the squared error at the exchange rate.
+    pub(super) fn price_whole(&self, dense: &Dense, transform: &ChannelTransform, grid: &Grid) -> Result<f64> {
+        let shape = clipped(tilings(grid.axes().len()).narrow_shapes[0], grid.shape());
+        let whole = Block { origin: [0; 4], shape: grid.shape() };
+        let (counter, squared_error) = self.count(dense, transform, &cut(&whole, shape))?;
+        let profile = dense.profile.as_ref().map_or(0, |profile| write_profile(profile).len());
+        let step = f64::from(self.step);
+        Ok(counter.bits() + 8.0 * profile as f64 + squared_error / (EXCHANGE * step * step))
+    }
+
+    /// Decisions of blocks by context, and the blocks' squared error.
+    fn count(&self, dense: &Dense, transform: &ChannelTransform, blocks: &[Block]) -> Result<(Counter, f64)> {
+        let parts: Vec<(Counter, f64)> = blocks
             .par_iter()
-            .fold(
-                || Ok((Counter::new(CONTEXTS), Filler::new(self.basis), Walk::default())),
-                |state: Result<_>, block| {
-                    let (mut counter, mut filler, mut walk) = state?;
-                    let mut quantized = self
-                        .quantize_dense(dense, transform, &mut filler, block, self.effort.trial_steps())
-                        .ok_or_else(|| self.too_fine())?;
+            .map_init(
+                || (Filler::new(self.basis), Walk::default()),
+                |(filler, walk), block| {
+                    let steps = self.effort.trial_steps();
+                    let mut quantized =
+                        self.quantize_dense(dense, transform, filler, block, steps).ok_or_else(|| self.too_fine())?;
+                    let mut counter = Counter::new(CONTEXTS);
                     let coded = walk.code(&mut counter, block.shape, &mut quantized.coefficients, &mut Vec::new());
                     debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
-                    Ok((counter, filler, walk))
+                    Ok((counter, quantized.squared_error))
                 },
             )
-            .map(|state| state.map(|(counter, _, _)| counter))
-            .try_reduce(
-                || Counter::new(CONTEXTS),
-                |mut a, b| {
-                    a.add(&b);
-                    Ok(a)
-                },
-            )?;
-        Ok(Costs::new(&counter))
+            .collect::<Result<_>>()?;
+        // In the order of the blocks, so that sums do not depend on the number of threads.
+        Ok(parts.into_iter().fold((Counter::new(CONTEXTS), 0.0), |(mut sum, errors), (counter, error)| {
+            sum.add(&counter);
+            (sum, errors + error)
+        }))
     }
 
     /// Bits of blocks, with their squared error at the exchange rate.

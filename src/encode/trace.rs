@@ -64,7 +64,7 @@ impl Encoder {
             return Err(Error::InvalidArgument(format!("gap is {}, must be above 0", limits.gap)));
         }
         let transform = self.choose_transform(table);
-        let dense = self.dense(table, &transform);
+        let dense = self.dense(table, &transform)?;
         let (partition, _) = self.choose_partition(table, &transform, dense.as_ref(), &|_| {})?;
         let Some(place) = partition.block(block) else {
             let count = partition.block_count();
