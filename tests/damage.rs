@@ -178,17 +178,17 @@ fn damage_in_exact_bits_costs_that_block_only() {
     let section = intact.directory().sections().iter().find(|s| s.name() == "EXCT").unwrap().range.clone();
     // Number of blocks, an entry of each channel, lengths, checksum; then the blocks.
     let head = 4 + 8 * 3 + 4 * intact.block_count() + 4;
-    for byte in section.clone() {
+    for byte in (section.start..section.start + head).chain(section.clone().step_by(211)) {
         let mut bad = good.clone();
         bad[byte] ^= 1 << (byte % 8);
         let reader = Reader::open(&bad[..]).unwrap();
-        if byte % 31 == 0 {
+        if byte % 3 == 0 {
             assert!(reader.decode_all().unwrap() == plain && !reader.verify().is_empty());
         }
         let hurt: Vec<bool> = (0..reader.block_count()).map(|block| reader.exact_block(block).is_err()).collect();
         let count = hurt.iter().filter(|hurt| **hurt).count();
         assert_eq!(count, if byte - section.start < head { hurt.len() } else { 1 }, "byte {byte}");
-        if byte % 211 != 0 {
+        if byte % 5 != 0 {
             continue;
         }
         for block in (0..hurt.len()).filter(|&block| !hurt[block]) {
