@@ -1,5 +1,7 @@
 //! The reader: opens a file, rebuilds single blocks or the whole table (spec section 5).
 
+pub(crate) mod lossless;
+
 use std::borrow::Cow;
 use std::sync::OnceLock;
 
@@ -599,16 +601,21 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
         convert: impl Fn(&Block, &Scratch) -> B + Sync + Send,
         mut store: impl FnMut(&[(Block, B)]),
     ) -> Result<()> {
-        let largest = self.partition().largest_block() * self.grid().channels().len();
-        let batch = ((1 << 22) / largest).clamp(4, 64);
-        for first in (0..self.block_count()).step_by(batch) {
+        for batch in self.batches() {
             let decode = |scratch: &mut Scratch, block: usize| {
                 let place = self.decode_log(block, scratch)?;
                 Ok((place, convert(&place, scratch)))
             };
-            store(&map_blocks(first..(first + batch).min(self.block_count()), decode)?);
+            store(&map_blocks(batch, decode)?);
         }
         Ok(())
+    }
+
+    /// All blocks in batches of bounded memory.
+    fn batches(&self) -> impl Iterator<Item = std::ops::Range<usize>> {
+        let largest = self.partition().largest_block() * self.grid().channels().len();
+        let (batch, count) = (((1 << 22) / largest).clamp(4, 64), self.block_count());
+        (0..count).step_by(batch).map(move |first| first..(first + batch).min(count))
     }
 
     /// Copies blocks, `[channel][position]`, into planes, a plane at a time on each thread.
@@ -626,7 +633,7 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
         });
     }
 
-    /// Checks every byte: all sections' checksums and, block by block, that each record decodes.
+    /// Checks every byte: all sections' checksums and, block by block, that each record and what restores its bits decodes.
     /// Returns what is damaged; nothing if the file is intact. A table above the caller's limit is not looked at:
     /// that is the one error then.
     pub fn verify(&self) -> Vec<Error> {
@@ -646,9 +653,20 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
                 damage.extend(self.metadata().err());
             }
         }
-        let check = |scratch: &mut Scratch, block: usize| Ok(self.decode_log(block, scratch).err());
+        let exact = match self.is_lossless().then(|| self.exact_index()).transpose() {
+            Ok(exact) => exact,
+            Err(e) => {
+                damage.push(e);
+                None
+            }
+        };
+        let check = |scratch: &mut Scratch, block: usize| {
+            let record = self.decode_log(block, scratch).err();
+            let bits = exact.as_ref().filter(|_| record.is_none());
+            Ok([record, bits.and_then(|index| self.exact_bits(index, block, scratch).err())])
+        };
         match map_blocks(0..self.block_count(), check) {
-            Ok(found) => damage.extend(found.into_iter().flatten()),
+            Ok(found) => damage.extend(found.into_iter().flatten().flatten()),
             Err(e) => damage.push(e),
         }
         damage

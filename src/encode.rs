@@ -97,6 +97,7 @@ pub struct Encoder {
     eps: f64,
     channels: Channels,
     contract: Option<Contract>,
+    lossless: bool,
     metadata: Metadata,
 }
 
@@ -173,13 +174,14 @@ impl Encoder {
             eps: 1e-3,
             channels: Channels::Opponent,
             contract: None,
+            lossless: false,
             metadata: Metadata::default(),
         }
     }
 
-    /// All settings but seed and metadata from a preset.
+    /// All settings but seed, metadata and [`Encoder::lossless`] from a preset.
     pub fn preset(self, preset: Preset) -> Encoder {
-        let base = Encoder { seed: self.seed, metadata: self.metadata, ..Encoder::new() };
+        let base = Encoder { seed: self.seed, metadata: self.metadata, lossless: self.lossless, ..Encoder::new() };
         match preset {
             Preset::Archive => base,
             Preset::Paper => Encoder {
@@ -297,6 +299,12 @@ impl Encoder {
         Encoder { contract: Some(contract), ..self }
     }
 
+    /// Whether the file also restores every bit of the table, missing entries included: [`crate::decode::Reader::exact_table`].
+    /// Readers that do not know how still read the rest. Not with a contract on the size.
+    pub fn lossless(self, lossless: bool) -> Encoder {
+        Encoder { lossless, ..self }
+    }
+
     /// Provenance to store; the encoder adds its settings and what it achieved.
     pub fn metadata(self, metadata: Metadata) -> Encoder {
         Encoder { metadata, ..self }
@@ -332,6 +340,9 @@ impl Encoder {
         }
         if self.sigma.is_some_and(|sigma| !(sigma.is_finite() && sigma >= 0.0)) {
             return bad("sigma must be finite and not negative".into());
+        }
+        if self.lossless && matches!(self.contract, Some(Contract::Size(_) | Contract::Ratio(_))) {
+            return bad("a lossless file is as large as the table makes it; leave the contract on its size out".into());
         }
         self.contract.map_or(Ok(()), Contract::check)
     }
@@ -469,7 +480,7 @@ impl Encoder {
         };
         let bound = self.bound(table)?;
         let profile = dense.and_then(|dense| dense.profile.clone());
-        let packed = pack::pack(table, coding, partition.clone(), profile, &blocks, bound)?;
+        let packed = pack::pack(table, coding, partition.clone(), profile, &blocks, bound, self.lossless)?;
         let mut cost = estimate.map_or(Solves::default(), |estimate| estimate.cost);
         blocks.iter().for_each(|block| cost += block.cost);
         let report = Report {
@@ -522,6 +533,9 @@ impl Encoder {
             "log_rms": report.log_rms,
             "log_max": report.log_max,
         });
+        if self.lossless {
+            encoder["lossless"] = true.into();
+        }
         if let Some(contract) = contract {
             encoder["contract"] = contract;
             encoder["corrected"] = report.corrected.into();

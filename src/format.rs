@@ -6,6 +6,7 @@
 pub mod directory;
 pub mod header;
 pub mod index;
+pub(crate) mod lossless;
 pub mod metadata;
 pub(crate) mod profile;
 pub mod record;

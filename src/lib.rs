@@ -66,6 +66,7 @@ pub mod format;
 pub mod fourier;
 pub mod grid;
 mod horizon;
+mod lossless;
 #[cfg(feature = "mmap")]
 pub mod map;
 mod mask;

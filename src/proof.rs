@@ -28,7 +28,8 @@ fn holds(measured: f64, stated: f64) -> bool {
     measured <= stated * (1.0 + 1e-9) + 1e-12
 }
 
-/// Decodes the whole table and checks each block's stated errors, the errors in the metadata and the file's contract.
+/// Decodes the whole table and checks each block's stated errors, the errors in the metadata and the file's contract; of a
+/// lossless file also that every bit is restored.
 /// Checksums are [`Reader::verify`]'s.
 ///
 /// # Errors
@@ -78,6 +79,13 @@ pub fn prove<D: AsRef<[u8]> + Sync>(original: &BrdfTable, reader: &Reader<D>) ->
         log_max,
         psnr: None,
     };
+    if reader.is_lossless() {
+        let exact = reader.exact_table()?;
+        let differ = original.values().iter().zip(&exact).filter(|(a, b)| a.to_bits() != b.to_bits()).count();
+        if differ > 0 {
+            broken.push(format!("{differ} entries are not restored bit by bit"));
+        }
+    }
     let encoder = reader.metadata()?.encoder.unwrap_or_default();
     for (name, measured) in [("log_rms", figures.log_rms), ("log_max", figures.log_max)] {
         if let Some(stated) = encoder.get(name).and_then(serde_json::Value::as_f64)

@@ -557,3 +557,35 @@ fn the_demo_needs_nothing() {
     assert!(!demo.text().contains('\u{1b}') && demo.stderr.is_empty());
     assert_eq!(names(folder.path()), ["csbrdf-demo.png"]);
 }
+
+#[test]
+fn lossless_files_give_the_very_bytes_back() {
+    let folder = empty_folder();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    // Marks of missing entries of other kinds.
+    let mut table = std::fs::read(fixture().table()).unwrap();
+    for (i, mark) in [f64::NAN.to_bits() | 77, f64::NEG_INFINITY.to_bits(), (-0.0f64).to_bits()].into_iter().enumerate()
+    {
+        table[12 + 8 * 1000 * (i + 1)..][..8].copy_from_slice(&mark.to_le_bytes());
+    }
+    let (source, file, back) = (at("m.binary"), at("m.csbrdf"), at("back.binary"));
+    std::fs::write(&source, &table).unwrap();
+    run(&[&["encode", &source, "--lossless"], &FAST[..]].concat()).expect(OK);
+    run(&["decode", &file, "--exact", "-o", &back]).expect(OK);
+    assert!(std::fs::read(&back).unwrap() == table);
+    assert!(run(&["decode", &file, "--exact", "-o", "-"]).expect(OK).stdout == table);
+    run(&["verify", &file, "--against", &source]).expect(OK);
+    assert!(run(&["info", &file]).expect(OK).text().contains("lossless"));
+    // One other bit.
+    table[12 + 8 * 1000] ^= 1;
+    std::fs::write(&source, &table).unwrap();
+    let verified = run(&["verify", &file, "--against", &source]).expect(OPERATION);
+    assert!(verified.text().contains("1 entries are not restored bit by bit"), "{}", verified.text());
+
+    run(&["decode", fixture().file(), "--exact", "-o", &back, "--force"]).fails(USAGE, &["--lossless"]);
+    assert!(std::fs::read(&back).unwrap() != table);
+    for args in [["--fill"].as_slice(), &["--block", "0"], &["--format", "npy"]] {
+        run(&[&["decode", &file, "--exact", "-o", "-"], args].concat()).expect(USAGE);
+    }
+    run(&["encode", &source, "--lossless", "--ratio", "2"]).expect(USAGE);
+}

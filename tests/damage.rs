@@ -166,3 +166,57 @@ fn paper_files_are_checked_as_well() {
         assert!(first_error(&bad).is_some(), "bit {bit}");
     }
 }
+
+/// What restores the bits may be damaged without harm to the values, and in one block without harm to the others.
+#[test]
+fn damage_in_exact_bits_costs_that_block_only() {
+    let table = table();
+    let good = Encoder::new().block_shape(&[5, 6, 8]).lossless(true).encode(&table).unwrap().bytes;
+    let intact = Reader::open(&good[..]).unwrap();
+    assert!(intact.is_lossless() && intact.verify().is_empty());
+    let plain = intact.decode_all().unwrap();
+    let section = intact.directory().sections().iter().find(|s| s.name() == "EXCT").unwrap().range.clone();
+    // Number of blocks, an entry of each channel, lengths, checksum; then the blocks.
+    let head = 4 + 8 * 3 + 4 * intact.block_count() + 4;
+    for byte in (section.start..section.start + head).chain(section.clone().step_by(211)) {
+        let mut bad = good.clone();
+        bad[byte] ^= 1 << (byte % 8);
+        let reader = Reader::open(&bad[..]).unwrap();
+        if byte % 3 == 0 {
+            assert!(reader.decode_all().unwrap() == plain && !reader.verify().is_empty());
+        }
+        let hurt: Vec<bool> = (0..reader.block_count()).map(|block| reader.exact_block(block).is_err()).collect();
+        let count = hurt.iter().filter(|hurt| **hurt).count();
+        assert_eq!(count, if byte - section.start < head { hurt.len() } else { 1 }, "byte {byte}");
+        if byte % 5 != 0 {
+            continue;
+        }
+        for block in (0..hurt.len()).filter(|&block| !hurt[block]) {
+            let same = |(a, b): (&f64, &f64)| a.to_bits() == b.to_bits();
+            assert!(reader.exact_block(block).unwrap().iter().zip(&intact.exact_block(block).unwrap()).all(same));
+        }
+    }
+}
+
+/// Hostile bytes under right checksums: refused or decoded, never a panic.
+#[test]
+fn any_exact_bits_are_survived() {
+    let mut random = csbrdf::sample::SplitMix64(5);
+    let good = Encoder::new().block_shape(&[5, 6, 8]).lossless(true).encode(&table()).unwrap().bytes;
+    let intact = Reader::open(&good[..]).unwrap();
+    let section = intact.directory().sections().iter().find(|s| s.name() == "EXCT").unwrap().range.clone();
+    let at = section.start + 4 + 8 * 3;
+    let length = u32::from_le_bytes(good[at..at + 4].try_into().unwrap()) as usize;
+    let first = at + 4 * intact.block_count() + 4;
+    let mut refused = 0;
+    for round in 0..300 {
+        let mut bad = good.clone();
+        let coded = &mut bad[first..first + length - 4];
+        let from = if round % 2 == 0 { 0 } else { random.next_u64() as usize % coded.len() };
+        coded[from..].fill_with(|| if round % 3 == 0 { 0xFF } else { random.next_u64() as u8 });
+        let crc = crc32fast::hash(&[&[0; 4], &*coded].concat());
+        bad[first + length - 4..first + length].copy_from_slice(&crc.to_le_bytes());
+        refused += usize::from(Reader::open(&bad[..]).unwrap().exact_block(0).is_err());
+    }
+    assert!(refused > 100, "{refused}");
+}

@@ -69,6 +69,7 @@ fn golden_files_cover_the_features() {
         features.push(if reader.has_profile() { "profile" } else { "no profile" });
         features.push(if coding.correction.is_some() { "corrections" } else { "no corrections" });
         features.push(if reader.partition().shapes().len() > 1 { "tiled" } else { "uniform" });
+        features.push(if reader.is_lossless() { "lossless" } else { "lossy" });
         for b in 0..reader.block_count() {
             classes.push(reader.block_info(b).unwrap().class);
             origins.extend(reader.block_origin(b).unwrap());
@@ -76,7 +77,7 @@ fn golden_files_cover_the_features() {
     }
     let wanted =
         ["dct", "dft", "separate", "matrix", "every", "bernoulli", "horizon", "no horizon", "spectral", "tiled"];
-    for feature in wanted.iter().chain(&["1-D", "3-D", "4-D", "uniform", "corrections", "no corrections"]) {
+    for feature in wanted.iter().chain(&["1-D", "3-D", "4-D", "uniform", "corrections", "no corrections", "lossless"]) {
         assert!(features.contains(feature), "no golden file with {feature}");
     }
     for class in ValidityClass::ALL {
@@ -96,6 +97,23 @@ fn samples_of_doubled_ratios_are_as_they_were() {
     let sampled: Vec<usize> = infos.iter().map(|info| info.sampled[0]).collect();
     assert_eq!(sampled, [288, 288, 17, 265, 286, 265, 234, 278, 234, 60, 190, 60]);
     assert!(infos.iter().any(|info| info.ratio == 1.0) && infos.iter().any(|info| info.ratio < 0.1));
+}
+
+/// Bits of the source, marks of missing entries included, as a whole and by block.
+#[test]
+fn exact_values_are_as_they_were() {
+    let bytes = read("dct-lossless.csbrdf");
+    let reader = Reader::open(&bytes[..]).unwrap();
+    assert!(reader.is_lossless());
+    let exact = reader.exact_table().unwrap();
+    let sum = crc32fast::hash(&exact.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>());
+    assert_eq!(sum, 0x8573_F446, "{sum:08x}");
+    // A NaN, its sign and payload.
+    assert!(exact.iter().any(|v| v.to_bits() == 0xFFF0_0000_0000_0123));
+    let (place, block) = (reader.partition().block(1).unwrap(), reader.exact_block(1).unwrap());
+    let mut expected = vec![0.0; place.positions()];
+    place.gather(reader.grid().shape(), &exact[..reader.grid().positions()], &mut expected);
+    assert!(block.iter().zip(&expected).all(|(a, b)| a.to_bits() == b.to_bits()));
 }
 
 /// Sections of unknown names that say they may be skipped do not keep a file from being read.

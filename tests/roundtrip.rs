@@ -296,3 +296,92 @@ proptest! {
         check(&table, &Encoder::new().basis(basis).sampling(sampling).block_shape(&block).quality(step).seed(seed), 1e-3);
     }
 }
+
+/// Any bits of any kind come back from a lossless file, by block and as a whole.
+mod lossless {
+    use csbrdf::decode::Reader;
+    use csbrdf::encode::{Encoder, Preset};
+    use csbrdf::grid::{Axis, Grid};
+    use csbrdf::table::BrdfTable;
+    use proptest::prelude::*;
+
+    const LENS: [usize; 3] = [5, 4, 6];
+    const N: usize = 3 * 5 * 4 * 6;
+
+    fn bits() -> impl Strategy<Value = u64> {
+        prop_oneof![
+            4 => (1e-3f64..1e3).prop_map(f64::to_bits),
+            2 => any::<u64>(),
+            1 => prop::sample::select(vec![-0.0, 0.0, -1.0, f64::INFINITY, f64::NEG_INFINITY, f64::MAX, 5e-324])
+                .prop_map(f64::to_bits),
+            1 => (1u64..1 << 52, any::<bool>()).prop_map(|(payload, sign)| payload | 0x7FF << 52 | u64::from(sign) << 63),
+        ]
+    }
+
+    fn check(bits: &[u64], encoder: Encoder) {
+        let merl = Grid::merl();
+        let axes: Vec<Axis> = merl.axes().iter().zip(LENS).map(|(&axis, len)| Axis { len, ..axis }).collect();
+        let grid = Grid::new(axes, merl.channels().to_vec()).unwrap();
+        let table = BrdfTable::from_values(grid, bits.iter().map(|&b| f64::from_bits(b)).collect()).unwrap();
+        let reader = Reader::open(encoder.lossless(true).encode(&table).unwrap().bytes).unwrap();
+        assert!(reader.is_lossless() && reader.verify().is_empty());
+        assert_eq!(reader.metadata().unwrap().encoder.unwrap()["lossless"], true);
+        let exact: Vec<u64> = reader.exact_table().unwrap().iter().map(|x| x.to_bits()).collect();
+        assert!(exact == bits);
+        let n = N / 3;
+        for number in 0..reader.block_count() {
+            let (place, values) = (reader.partition().block(number).unwrap(), reader.exact_block(number).unwrap());
+            for (c, values) in values.chunks_exact(place.positions()).enumerate() {
+                let mut expected = vec![0; values.len()];
+                place.gather(reader.grid().shape(), &bits[c * n..(c + 1) * n], &mut expected);
+                assert!(values.iter().map(|x| x.to_bits()).eq(expected));
+            }
+        }
+        assert!(csbrdf::proof::prove(&table, &reader).unwrap().broken.is_empty());
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(40))]
+
+        #[test]
+        fn any_bits_come_back(
+            mut bits in prop::collection::vec(bits(), N),
+            step in 0.01f32..3.0,
+            paper in any::<bool>(),
+        ) {
+            bits[7] = 1f64.to_bits();
+            let preset = if paper { Preset::Paper } else { Preset::Archive };
+            check(&bits, Encoder::new().preset(preset).block_shape(&[3, 4, 4]).quality(step));
+        }
+    }
+
+    /// Numbers that single or half precision held take the room of these.
+    #[test]
+    fn short_numbers_take_little_room() {
+        let scales = csbrdf::grid::MERL_SCALE;
+        let value = |i: usize| f64::from(2f32 + ((i * i) as f32 * 0.1).sin().round() / 8.0) / scales[i / (N / 3)];
+        let bits: Vec<u64> = (0..N).map(|i| value(i).to_bits()).collect();
+        check(&bits, Encoder::new());
+        let grid = Grid::merl();
+        let axes: Vec<Axis> = grid.axes().iter().zip(LENS).map(|(&axis, len)| Axis { len, ..axis }).collect();
+        let grid = Grid::new(axes, grid.channels().to_vec()).unwrap();
+        let table = BrdfTable::from_values(grid, bits.iter().map(|&b| f64::from_bits(b)).collect()).unwrap();
+        let size = |lossless| Encoder::new().lossless(lossless).encode(&table).unwrap().bytes.len();
+        let (with, without) = (size(true), size(false));
+        assert!(with - without < 2 * N, "{with} {without}");
+    }
+
+    #[test]
+    fn other_files_say_that_they_are_not() {
+        let table = csbrdf::table::synth::Recipe::named("matte").unwrap();
+        let merl = Grid::merl();
+        let axes: Vec<Axis> = merl.axes().iter().zip(LENS).map(|(&axis, len)| Axis { len, ..axis }).collect();
+        let table = table.synthesise(&Grid::new(axes, merl.channels().to_vec()).unwrap()).unwrap();
+        let reader = Reader::open(Encoder::new().encode(&table).unwrap().bytes).unwrap();
+        assert!(!reader.is_lossless());
+        assert!(reader.exact_table().unwrap_err().to_string().contains("--lossless"));
+        assert!(reader.exact_block(0).is_err());
+        let ratio = csbrdf::encode::contract::Contract::Ratio(2.0);
+        assert!(Encoder::new().lossless(true).contract(ratio).encode(&table).is_err());
+    }
+}

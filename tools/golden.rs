@@ -11,7 +11,7 @@ use csbrdf::encode::contract::Contract;
 use csbrdf::encode::{Encoder, Preset};
 use csbrdf::format::metadata::Metadata;
 use csbrdf::fourier::Basis;
-use csbrdf::grid::{Axis, AxisName, Channel, Grid, Mapping};
+use csbrdf::grid::{Axis, AxisName, Channel, Grid, MERL_SCALE, Mapping};
 use csbrdf::sample::Sampling;
 use csbrdf::table::BrdfTable;
 use csbrdf::table::synth::Recipe;
@@ -131,7 +131,19 @@ fn features() -> Result<Vec<(&'static str, Encoder, BrdfTable)>, Failure> {
         }
     }
     let zeros = BrdfTable::from_values(steep.grid().clone(), values)?;
+    // Many digits, few digits in 1/sr, and marks of missing entries of many kinds.
+    let mut values = recipe("satin-paint")?.synthesise(&small([8, 9, 10])?)?.values().to_vec();
+    let n = values.len() / 3;
+    for (i, value) in values.iter_mut().enumerate().filter(|(i, v)| **v >= 0.0 && i / n == 1) {
+        *value = f64::from((*value * MERL_SCALE[i / n]) as f32) / MERL_SCALE[i / n];
+    }
+    let marks = [-1.0, f64::NAN, f64::INFINITY, -0.0, f64::NEG_INFINITY, f64::from_bits(0xFFF0_0000_0000_0123), 0.0];
+    // In the first block only: the second has holes of one kind.
+    let marked = values.iter_mut().enumerate().filter(|(i, _)| i % n < n / 2).step_by(41);
+    marked.zip(marks.into_iter().cycle()).for_each(|((_, value), mark)| *value = mark);
+    let exact = BrdfTable::from_values(small([8, 9, 10])?, values)?;
     Ok(vec![
+        ("dct-lossless", Encoder::new().block_shape(&[4, 9, 10]).lossless(true), exact),
         ("dct-grazing-zeros", Encoder::new(), zeros),
         ("dct-opponent-mask", Encoder::new().block_shape(&[6, 5, 12]).metadata(metadata), masked),
         ("dft-sampled-horizon", paper, sampled),

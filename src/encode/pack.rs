@@ -6,6 +6,7 @@ use super::blocks::{Quantized, gather_log};
 use super::bound::Bound;
 use crate::block::{Block, Partition};
 use crate::correct::{self, Decoded};
+use crate::decode::lossless::decode_bits;
 use crate::decode::{CONTEXTS, CORRECTIONS, Header, MASKS, Scratch, ZEROS, without_zeros};
 use crate::entropy::{Walk, find_extents};
 use crate::error::{Error, Result};
@@ -15,8 +16,10 @@ use crate::format::header::{
     Coding, decode_probability, encode_probability, write_coding, write_grid, write_partition, write_probabilities,
 };
 use crate::format::index::{Entry, encode_error, write_index};
+use crate::format::lossless::write_exact;
 use crate::format::profile::{CodedProfile, write_profile};
 use crate::format::record::{Record, ValidityClass};
+use crate::lossless;
 use crate::range::{Coder, Counter, Encoder};
 use crate::table::BrdfTable;
 use crate::zeros::code_zeros;
@@ -37,6 +40,7 @@ pub(super) struct Packed {
     profile: Option<Vec<u8>>,
     index: Vec<u8>,
     records: Vec<u8>,
+    exact: Option<Vec<u8>>,
 }
 
 /// Error of one block over its valid entries, all channels.
@@ -69,6 +73,7 @@ struct Buffers {
     walk: Walk,
     correct: correct::Walk,
     scratch: Scratch,
+    lossless: lossless::Walk,
 }
 
 /// What a record tells besides its coefficients.
@@ -158,6 +163,7 @@ pub(super) fn pack(
     profile: Option<CodedProfile>,
     blocks: &[Quantized],
     bound: Option<Bound>,
+    lossless: bool,
 ) -> Result<Packed> {
     coding.correction = bound.map(|bound| bound.step);
     let place = |number: usize| partition.block(number).expect("one entry a block");
@@ -219,7 +225,8 @@ pub(super) fn pack(
     let header =
         Header::new(table.grid().clone(), coding.clone(), partition.clone(), probabilities).with_profile(profile);
 
-    let coded: Vec<(Vec<u8>, BlockError)> = (0..blocks.len())
+    let missing = lossless.then(|| usual_missing(table));
+    let coded: Vec<(Vec<u8>, BlockError, Vec<u8>)> = (0..blocks.len())
         .into_par_iter()
         .map_init(Buffers::default, |buffers, number| {
             let block = uncoded(number);
@@ -234,11 +241,16 @@ pub(super) fn pack(
                 .rebuild(&block.block, &record, block.means, &mut buffers.scratch)
                 .map_err(|what| Error::InvalidArgument(format!("block {number} does not decode: {what}")))?;
             let error = measure(table, &block.block, header.coding.eps, &buffers.scratch.log);
-            Ok((record.write(number as u32), error))
+            let exact = match &missing {
+                Some(missing) => code_exact(table, &header, &block, missing, buffers)
+                    .map_err(|what| Error::InvalidArgument(format!("block {number} is not restored: {what}")))?,
+                None => Vec::new(),
+            };
+            Ok((record.write(number as u32), error, exact))
         })
         .collect::<Result<_>>()?;
 
-    let total = coded.iter().fold(BlockError::default(), |sum, (_, e)| BlockError {
+    let total = coded.iter().fold(BlockError::default(), |sum, (_, e, _)| BlockError {
         squares: sum.squares + e.squares,
         count: sum.count + e.count,
         max: sum.max.max(e.max),
@@ -247,12 +259,16 @@ pub(super) fn pack(
     let entries: Vec<Entry> = coded
         .iter()
         .zip(means.chunks_exact(components))
-        .map(|((record, error), means)| Entry {
+        .map(|((record, error, _), means)| Entry {
             length: record.len() as u32,
             errors: [encode_error(rms(error)), encode_error(error.max)],
             means: means.to_vec(),
         })
         .collect();
+    let exact = missing.map(|missing| {
+        let parts: Vec<&[u8]> = coded.iter().map(|(.., exact)| &exact[..]).collect();
+        write_exact(&missing, &parts)
+    });
     Ok(Packed {
         log_rms: rms(&total),
         log_max: total.max,
@@ -263,8 +279,50 @@ pub(super) fn pack(
         probabilities: write_probabilities(&codes),
         profile: written_profile,
         index: write_index(&header.partition, &entries),
-        records: coded.iter().flat_map(|(record, _)| record.iter().copied()).collect(),
+        records: coded.iter().flat_map(|(record, ..)| record.iter().copied()).collect(),
+        exact,
     })
+}
+
+/// Bits of entries that are not valid: those of the first, by channel.
+fn usual_missing(table: &BrdfTable) -> Vec<u64> {
+    let first = |c: usize| table.plane(c).iter().zip(table.valid_plane(c)).find(|(_, valid)| !**valid);
+    (0..table.grid().channels().len()).map(|c| first(c).map_or(0, |(value, _)| value.to_bits())).collect()
+}
+
+/// What restores the source's bits of a block that was just rebuilt; decoded again as a proof.
+fn code_exact(
+    table: &BrdfTable,
+    header: &Header,
+    block: &Uncoded,
+    missing: &[u64],
+    buffers: &mut Buffers,
+) -> Result<Vec<u8>, &'static str> {
+    let (n, channels) = (block.block.positions(), table.grid().channels());
+    let mut values = vec![0f64; n * channels.len()];
+    for (c, values) in values.chunks_exact_mut(n).enumerate() {
+        block.block.gather(table.grid().shape(), table.plane(c), values);
+    }
+    let bits: Vec<u64> = values.into_iter().map(f64::to_bits).collect();
+    let scales: Vec<f64> = channels.iter().map(|channel| channel.scale).collect();
+    let decoded = lossless::Decoded {
+        shape: block.block.shape,
+        valid: &block.told.valid,
+        log: &buffers.scratch.log,
+        eps: header.coding.eps,
+        scales: &scales,
+        missing,
+    };
+    let mut forms = buffers.lossless.forms(decoded, &bits);
+    let mut coder = Encoder::new(&lossless::probabilities());
+    buffers.lossless.code(&mut coder, decoded, &mut forms, &mut bits.clone())?;
+    let coded = coder.finish();
+    let mut restored = vec![0; bits.len()];
+    decode_bits(decoded, &coded, &mut restored)?;
+    if restored != bits {
+        return Err("other bits come back");
+    }
+    Ok(coded)
 }
 
 /// The inverse tone map gives neither negative nor infinite values: logs are cut off there.
@@ -312,6 +370,7 @@ impl Packed {
             (directory::METADATA, true, metadata.to_vec()),
             (directory::RECORDS, false, self.records.clone()),
         ]);
+        sections.extend(self.exact.clone().map(|exact| (directory::EXACT, true, exact)));
         write_file(&sections)
     }
 }

@@ -20,6 +20,7 @@ pub(crate) const PROFILE: &str = "GRAZ";
 pub(crate) const INDEX: &str = "INDX";
 pub(crate) const METADATA: &str = "META";
 pub(crate) const RECORDS: &str = "RECS";
+pub(crate) const EXACT: &str = "EXCT";
 
 /// Name used in errors for the bytes before the first section.
 const DIRECTORY: &str = "section table";
@@ -133,7 +134,7 @@ impl Directory {
 
     /// Every known section at most once; unknown ones only if they may be skipped.
     fn check_names(&self) -> Result<()> {
-        let known = [GRID, CODING, PARTITION, PROBABILITIES, PROFILE, INDEX, METADATA, RECORDS];
+        let known = [GRID, CODING, PARTITION, PROBABILITIES, PROFILE, INDEX, METADATA, RECORDS, EXACT];
         for (i, section) in self.sections.iter().enumerate() {
             let at = (PREAMBLE + i * ENTRY) as u64;
             if !known.iter().any(|name| name.as_bytes() == section.id) {

@@ -48,7 +48,7 @@ pub(crate) struct Record<'a> {
 }
 
 /// CRC-32 of the block's number and its bytes, so that a record in another's place is seen.
-fn checksum(block: u32, bytes: &[u8]) -> u32 {
+pub(crate) fn checksum(block: u32, bytes: &[u8]) -> u32 {
     let mut hasher = crc32fast::Hasher::new();
     hasher.update(&block.to_le_bytes());
     hasher.update(bytes);

@@ -75,6 +75,25 @@ pub fn write_merl(table: &BrdfTable, fill: bool, mut out: impl Write) -> Result<
     Ok(())
 }
 
+/// Writes a table of exactly these values as a `.binary` file, one plane per channel: what was read from one becomes it again.
+///
+/// # Errors
+/// `InvalidArgument` if the grid is not MERL's, in MERL's units, or the values are not as many as its; `Io` if the writer
+/// fails.
+pub fn write_merl_values(grid: &Grid, values: &[f64], mut out: impl Write) -> Result<()> {
+    if [Grid::merl(), Grid::merl_360()].iter().all(|merl| merl != grid) || values.len() != grid.positions() * 3 {
+        return Err(Error::InvalidArgument("the table is not a MERL table; only these have the form .binary".into()));
+    }
+    for axis in grid.axes() {
+        out.write_all(&(axis.len as i32).to_le_bytes())?;
+    }
+    for chunk in values.chunks(1 << 13) {
+        let bytes: Vec<u8> = chunk.iter().flat_map(|value| value.to_le_bytes()).collect();
+        out.write_all(&bytes)?;
+    }
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -97,6 +116,9 @@ mod tests {
             assert_eq!(table.plane(1)[7], (90 * 90 * phi_d as usize + 7) as f64 * 1e-3);
             let mut back = Vec::new();
             write_merl(&table, false, &mut back).unwrap();
+            assert!(back == bytes);
+            back.clear();
+            write_merl_values(table.grid(), table.values(), &mut back).unwrap();
             assert!(back == bytes);
         }
     }

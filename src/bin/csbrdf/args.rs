@@ -130,6 +130,10 @@ pub struct EncodeArgs {
     /// Keep the file within this size: bytes, or with k or M thousands or millions of them
     #[arg(long, value_name = "BYTES[k|M]", value_parser = size, conflicts_with = "quality", group = "contract")]
     pub size: Option<u64>,
+    /// Also keep what restores every bit of the table, missing entries included, for decode --exact: for archives, half
+    /// the table's size and more where its values have many digits
+    #[arg(long, conflicts_with_all = ["size", "ratio"])]
+    pub lossless: bool,
     /// Seed of the sampling
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
@@ -219,6 +223,9 @@ pub struct DecodeArgs {
     /// Write what the recovery filled in where nothing was measured, not -1
     #[arg(long)]
     pub fill: bool,
+    /// The very bytes of the MERL .binary table that the file was made from, if it was encoded with --lossless
+    #[arg(long, conflicts_with_all = ["fill", "block"])]
+    pub exact: bool,
     /// Replace the file if it exists
     #[arg(long, short)]
     pub force: bool,
@@ -246,8 +253,8 @@ pub struct VerifyArgs {
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Compare with the table that the file was made from: that each block's error is within what the index states, the
-    /// errors within what the metadata state, and the contract kept; for one file. For a manifest: the folder of the
-    /// tables, by the names that they had
+    /// errors within what the metadata state, and the contract kept; of a lossless file that every bit is restored; for one
+    /// file. For a manifest: the folder of the tables, by the names that they had
     #[arg(long, value_name = "ORIGINAL")]
     pub against: Option<PathBuf>,
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use csbrdf::block::Block;
 use csbrdf::decode::Reader;
-use csbrdf::table::merl::write_merl;
+use csbrdf::table::merl::{write_merl, write_merl_values};
 use csbrdf::table::npy::write_npy_f32;
 
 use crate::args::{DecodeArgs, FormatArg};
@@ -34,6 +34,10 @@ pub fn run(args: &DecodeArgs) -> Outcome {
             FormatArg::Csv => write_csv(&reader, &block, out),
             _ => write_npy_f32(&block.values, &array_shape(&reader, block.place.shape), out),
         });
+    }
+    if args.exact {
+        let values = reader.exact_table().map_err(failed)?;
+        return target.write(args.force, |out| write_merl_values(reader.grid(), &values, out));
     }
     if format == FormatArg::Binary {
         let table = reader.decode_table().map_err(failed)?;
@@ -63,6 +67,9 @@ fn format(args: &DecodeArgs) -> Result<FormatArg, Failure> {
         (None, None) => FormatArg::Binary,
     };
     match (format, &args.block) {
+        (FormatArg::Npy | FormatArg::Csv, _) if args.exact => {
+            Err(Failure::usage("--exact gives a MERL table back; use a .binary output"))
+        }
         (FormatArg::Binary, Some(_)) => {
             Err(Failure::usage("a .binary file holds a whole table; use npy or csv for a block"))
         }

@@ -152,6 +152,7 @@ pub fn encoder(args: &EncodeArgs) -> Encoder {
         (Some(SamplingArg::Auto), Some(rmse)) => encoder = encoder.sampling_for(rmse),
         _ => {}
     }
+    encoder = encoder.lossless(args.lossless);
     if let Some(contract) = contract(args) {
         encoder = encoder.contract(contract);
     }

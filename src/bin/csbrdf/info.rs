@@ -108,7 +108,13 @@ fn report(contents: &Contents) -> String {
         line("horizon", &format!("valid from elevation {horizon:.6} (cosine)"));
     }
     line("blocks", &contents.partition_text());
-    line("side data", &format!("{:.1} bytes a block: all but coded coefficients and masks", contents.side_per_block()));
+    line(
+        "side data",
+        &format!("{:.1} bytes a block: all but coded coefficients, masks and exact bits", contents.side_per_block()),
+    );
+    if reader.is_lossless() {
+        line("lossless", "every bit of the source is restored by decode --exact");
+    }
     text.push('\n');
     text.push_str(&tables(contents));
     text.push_str(&metadata(contents));

@@ -87,7 +87,8 @@ impl Contents {
     /// Bytes a block that are neither coefficients nor masks.
     pub fn side_per_block(&self) -> f64 {
         let coded: usize = self.blocks.iter().map(|b| b.info.record.len().saturating_sub(RECORD_OVERHEAD)).sum();
-        self.bytes.saturating_sub(coded) as f64 / self.reader.block_count() as f64
+        let exact = self.sections.iter().find(|(name, _)| name == "EXCT").map_or(0, |(_, bytes)| *bytes);
+        self.bytes.saturating_sub(coded + exact) as f64 / self.reader.block_count() as f64
     }
 
     /// Bounds on rms and largest error over the valid entries, from those of the blocks.

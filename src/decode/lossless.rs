@@ -1,0 +1,93 @@
+//! The source's bits, from files that keep them (spec section 4.12).
+
+use super::{Reader, Scratch, map_blocks};
+use crate::block::Block;
+use crate::error::{Error, Result};
+use crate::format::directory;
+use crate::format::is_compact;
+use crate::format::lossless::ExactIndex;
+use crate::lossless::{Decoded, Form, Walk, probabilities};
+use crate::range::Decoder;
+
+impl<D: AsRef<[u8]>> Reader<D> {
+    /// Whether the file restores the table that it was made from bit by bit: [`Reader::exact_table`].
+    pub fn is_lossless(&self) -> bool {
+        // Before draft 3 the name was free for others to use.
+        is_compact(self.version().2) && self.directory.find(directory::EXACT).is_some()
+    }
+
+    /// One block of the source, bit by bit, in its units: `[channel][position]`, with whatever marked missing entries.
+    ///
+    /// # Errors
+    /// `InvalidArgument` if the file is not lossless or has no such block, `Corrupt` if the block's record or what
+    /// restores its bits is damaged.
+    pub fn exact_block(&self, block: usize) -> Result<Vec<f64>> {
+        self.place(block)?;
+        let (_, bits) = self.exact_bits(&self.exact_index()?, block, &mut Scratch::default())?;
+        Ok(bits.into_iter().map(f64::from_bits).collect())
+    }
+
+    /// Where the parts of the blocks are. Read when bits are asked for: damage there does not keep values from being decoded.
+    pub(super) fn exact_index(&self) -> Result<ExactIndex> {
+        if !self.is_lossless() {
+            let what = "the file does not hold the exact values; encode the table with --lossless to keep them";
+            return Err(Error::InvalidArgument(what.into()));
+        }
+        let section = self.directory.require(directory::EXACT)?;
+        ExactIndex::read(self.data.as_ref(), section, self.block_count(), self.grid().channels().len())
+    }
+
+    pub(super) fn exact_bits(
+        &self,
+        index: &ExactIndex,
+        block: usize,
+        scratch: &mut Scratch,
+    ) -> Result<(Block, Vec<u64>)> {
+        let coded = index.coded(self.data.as_ref(), block)?;
+        let place = self.decode_log(block, scratch)?;
+        let scales: Vec<f64> = self.grid().channels().iter().map(|channel| channel.scale).collect();
+        let mut bits = vec![0; scratch.log.len()];
+        let decoded = Decoded {
+            shape: place.shape,
+            valid: &self.header.masks_of(scratch),
+            log: &scratch.log,
+            eps: self.header.coding.eps,
+            scales: &scales,
+            missing: &index.missing,
+        };
+        decode_bits(decoded, coded, &mut bits).map_err(|what| index.corrupt(block, what))?;
+        Ok((place, bits))
+    }
+}
+
+/// The bits of a block from what the range coder gave for it.
+pub(crate) fn decode_bits(decoded: Decoded, coded: &[u8], bits: &mut [u64]) -> Result<(), &'static str> {
+    let mut decoder = Decoder::new(&probabilities(), coded);
+    let mut forms = vec![Form::default(); decoded.scales.len()];
+    Walk::default().code(&mut decoder, decoded, &mut forms, bits)?;
+    if decoder.unread() > 0 {
+        return Err("bytes are left over at its end");
+    }
+    Ok(())
+}
+
+impl<D: AsRef<[u8]> + Sync> Reader<D> {
+    /// The table that the file was made from, bit by bit, in its units: one plane per channel, last axis fastest, missing
+    /// entries with whatever marked them (negative, infinite, NaN with its payload).
+    ///
+    /// # Errors
+    /// `InvalidArgument` if the file is not lossless ([`Reader::is_lossless`]), `Corrupt` if a record or what restores a
+    /// block's bits is damaged, `LimitExceeded` if the table is above the caller's limit.
+    pub fn exact_table(&self) -> Result<Vec<f64>> {
+        let index = self.exact_index()?;
+        let mut values = vec![0f64; self.check_table_size()?];
+        for batch in self.batches() {
+            let blocks = map_blocks(batch, |scratch, block| {
+                let (place, bits) = self.exact_bits(&index, block, scratch)?;
+                Ok((place, bits.into_iter().map(f64::from_bits).collect::<Vec<f64>>()))
+            })?;
+            self.scatter(blocks.iter().map(|(place, block)| (place, &block[..])), &mut values);
+        }
+        Ok(values)
+    }
+}
