@@ -369,6 +369,8 @@ mod fit {
     /// Least squares from the normal equations, right side last; 0 for unknowns that the others tell already.
     fn solve(mut normal: [[f64; TAPS + 1]; TAPS]) -> [f64; TAPS] {
         let mut used = [true; TAPS];
+        // Elimination reads rows and columns by number.
+        #[allow(clippy::needless_range_loop)]
         for pivot in 0..TAPS {
             let diagonal = normal[pivot][pivot];
             normal[pivot][pivot] = diagonal * (1.0 + 1e-6);

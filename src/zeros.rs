@@ -82,7 +82,7 @@ mod tests {
         ) {
             let n: usize = shape.iter().product();
             let mut random = crate::sample::SplitMix64(seed);
-            let masks: Vec<bool> = (0..if common { n } else { channels * n }).map(|_| random.next_u64() % 4 > 0).collect();
+            let masks: Vec<bool> = (0..if common { n } else { channels * n }).map(|_| !random.next_u64().is_multiple_of(4)).collect();
             let zeros: Vec<bool> = (0..channels * n)
                 .map(|i| random.next_u64() % 4 < density && masks[i % masks.len()])
                 .collect();
