@@ -7,7 +7,7 @@ from curves import LEVELS, is_peer
 
 STYLE = {'SPERR': ('#0072b2', 'o'), 'SZ3': ('#e69f00', 's'), 'zfp': ('#009e73', '^'),
          'csbrdf': ('#b2182b', 'D'), 'csbrdf-fast': ('#ef8a62', 'v')}
-SHOWN = (0.004, 0.062)
+SHOWN = (0.0046, 0.0545)
 
 
 def draw(curves, tables, folder, name='rate-distortion'):
@@ -21,7 +21,8 @@ def draw(curves, tables, folder, name='rate-distortion'):
     rows = -(-len(tables) // columns)
     figure, axes = plt.subplots(rows, columns, figsize=(3.1 * columns + 0.4, 2.7 * rows + 0.9), sharex=True, sharey=True,
                                 squeeze=False, layout='constrained')
-    grid = np.geomspace(*SHOWN, 300)
+    # Further out the best ways of some codecs were not measured, and lesser ones would make a step.
+    grid = np.geomspace(LEVELS[0], LEVELS[-1], 300)
     lowest, highest, handles = np.inf, 0, {}
     for axis, table in zip(axes.flat, tables):
         for codec, curve in curves[table.label].items():
@@ -31,10 +32,17 @@ def draw(curves, tables, folder, name='rate-distortion'):
             handles[codec], = axis.plot(grid, bytes_, color=colour, lw=2 if own else 1.3, label=codec,
                                         zorder=4 if own else 3)
             # Of the measured points those that make the curve, not those of ways that lose.
-            points = [p for way in curve.ways.values() for p in way if p['bytes'] <= curve(p['log_rms'])[0] * 1.001]
+            points = [p for way in curve.ways.values() for p in way
+                      if grid[0] <= p['log_rms'] <= grid[-1] and p['bytes'] <= curve(p['log_rms'])[0] * 1.001]
             axis.plot([p['log_rms'] for p in points], [p['bytes'] / 1000 for p in points], marker, color=colour, ms=2.8,
                       zorder=4 if own else 3)
             lowest, highest = min(lowest, np.nanmin(bytes_)), max(highest, np.nanmax(bytes_))
+        best = min((curve(0.01)[0] for codec, curve in curves[table.label].items() if is_peer(codec)), default=np.nan)
+        own = curves[table.label].get('csbrdf')
+        if own and best == best:
+            axis.text(0.97, 0.95, f'at 0.01: {own(0.01)[0] / best:.2f} of best peer', transform=axis.transAxes, ha='right',
+                      va='top', color=STYLE['csbrdf'][0], fontsize=8,
+                      bbox={'facecolor': 'white', 'edgecolor': 'none', 'alpha': 0.8, 'pad': 1})
         if table.noisy:
             bound = np.array([table.bound_bytes(rms) for rms in grid]) / 1000
             handles['white-noise bound'], = axis.plot(grid, np.where(bound > 0, bound, np.nan), color='#333333', lw=1,
