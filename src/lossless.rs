@@ -369,12 +369,7 @@ mod fit {
     /// Least squares from the normal equations, right side last; 0 for unknowns that the others tell already.
     fn solve(mut normal: [[f64; TAPS + 1]; TAPS]) -> [f64; TAPS] {
         let mut used = [true; TAPS];
-        // Elimination reads rows and columns by number.
-        #[allow(clippy::needless_range_loop)]
-        for pivot in 0..TAPS {
-            let diagonal = normal[pivot][pivot];
-            normal[pivot][pivot] = diagonal * (1.0 + 1e-6);
-        }
+        normal.iter_mut().enumerate().for_each(|(pivot, row)| row[pivot] *= 1.0 + 1e-6);
         let whole: [f64; TAPS] = std::array::from_fn(|i| normal[i][i]);
         for pivot in 0..TAPS {
             if !(normal[pivot][pivot] > 1e-5 * whole[pivot] && normal[pivot][pivot].is_normal()) {

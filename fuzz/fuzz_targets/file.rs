@@ -16,6 +16,7 @@ fuzz_target!(|data: &[u8]| {
     let _ = reader.verify();
     if let Ok(values) = reader.decode_all() {
         assert!(values.iter().all(|v| v.is_finite() && *v >= 0.0));
+        let _ = reader.exact_table();
         let table = reader.decode_table().expect("all blocks decode");
         assert!(table.values().iter().all(|v| v.is_finite() && *v >= 0.0));
     }

@@ -126,7 +126,8 @@ fn proof(file: &Path, reader: &Reader<Bytes>, original: &Original, text: &mut St
             format!("contract {} {} {word}{figure}", contract.name(), contract.asked())
         }
     };
-    let _ = writeln!(text, "{name}: {errors}, {contract}");
+    let bits = if reader.is_lossless() && broken.is_empty() { ", every bit restored" } else { "" };
+    let _ = writeln!(text, "{name}: {errors}, {contract}{bits}");
     for statement in &broken {
         let _ = writeln!(text, "{name}: {}", clean(statement));
     }
