@@ -320,3 +320,38 @@ pub(super) fn fit(
     let profile = coded.decode(grid).ok()?;
     Some((coded, profile))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::block::{Block, positions};
+    use crate::grid::Channel;
+
+    /// A course that depends on the elevations alone is taken out, whatever smooth course it stands on.
+    #[test]
+    fn what_follows_the_elevations_is_found() {
+        let merl = Grid::merl();
+        let one = Channel { name: "Y".into(), wavelength: None, scale: 1.0 };
+        let grid = Grid::new(merl.axes().to_vec(), vec![one]).unwrap();
+        let mut log = Vec::new();
+        let mut known = Vec::new();
+        for at in positions(grid.shape()) {
+            let angle = |axis: usize| grid.axes()[axis].angle(at[1 + axis] as f64 + 0.5);
+            let (h, d, phi) = (angle(0), angle(1), angle(2));
+            let elevation = |sign: f64| h.cos() * d.cos() + sign * h.sin() * d.sin() * phi.cos();
+            let course = |z: f64| if z < 0.15 { -(z.max(0.004) / 0.15).ln() } else { 0.0 };
+            let (light, sensor) = (elevation(-1.0), elevation(1.0));
+            log.push((3.0 * (2.0 * h).cos() + d + course(light) + 0.5 * course(sensor)) as f32);
+            known.push(light > 0.0 && sensor > 0.0);
+        }
+        let (_, profile) = fit(&grid, &ChannelTransform::None, &log, &known, 0.1, Effort::Standard).unwrap();
+        let mut taken = vec![0f32; log.len()];
+        profile.add(&Block { origin: [0; 4], shape: grid.shape() }, &mut taken);
+        let steps = |values: &dyn Fn(usize) -> f32| -> f64 {
+            let beside = (1..log.len()).filter(|&i| i % 180 > 0 && known[i] && known[i - 1]);
+            beside.map(|i| f64::from((values(i) - values(i - 1)).abs())).sum()
+        };
+        let (before, after) = (steps(&|i| log[i]), steps(&|i| log[i] - taken[i]));
+        assert!(after < 0.3 * before, "{before} -> {after}");
+    }
+}
