@@ -136,8 +136,7 @@ impl Encoder {
         if count == 0 {
             return Some(quantized);
         }
-        let steps = filler.analyze(block.shape, transform, &mut log, &known, self.step.into(), fill_steps);
-        quantized.cost = Solves { solves: usize::from(steps > 0), iterations: steps, missed: 0 };
+        filler.analyze(block.shape, transform, &mut log, &known, self.step.into(), fill_steps);
         for (c, values) in log.chunks_exact(n).enumerate() {
             quantized.quantize(c, self.step, self.rounding, values)?;
         }
