@@ -11,7 +11,7 @@ fn table() -> BrdfTable {
     Recipe::named("satin-paint").unwrap().synthesise(&Grid::new(axes, merl.channels().to_vec()).unwrap()).unwrap()
 }
 
-/// The format lets every tile choose a block shape, though the encoder's own choice is one for all.
+/// A caller may give every tile a block shape of its own.
 #[test]
 fn tiles_may_have_shapes_of_their_own() {
     let table = table();
