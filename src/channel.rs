@@ -1,5 +1,8 @@
 //! Channel transform: what the colour channels share is coded once (spec section 4.1).
 
+#[cfg(feature = "encode")]
+use crate::fourier::forward::Real;
+
 /// A transform over the channels of each position, in the log domain.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ChannelTransform {
@@ -21,38 +24,20 @@ impl ChannelTransform {
 
     /// Log values to components, in place: `planes[channel][position]`.
     #[cfg(feature = "encode")]
-    pub fn forward(&self, planes: &mut [f64], channels: usize) {
+    pub fn forward<T: Real>(&self, planes: &mut [T], channels: usize) {
         let ChannelTransform::Matrix(matrix) = self else { return };
         let n = planes.len() / channels;
         if channels == 3 {
-            return mix_three(planes, |t, c| f64::from(matrix[3 * t + c]));
+            return mix_three(planes, |t, c| matrix[3 * t + c]);
         }
-        let mut values = vec![0.0; channels];
+        let mut values = vec![T::zero(); channels];
         for i in 0..n {
             for (c, value) in values.iter_mut().enumerate() {
                 *value = planes[c * n + i];
             }
             for (t, row) in matrix.chunks_exact(channels).enumerate() {
-                planes[t * n + i] = row.iter().zip(&values).map(|(m, v)| f64::from(*m) * v).sum();
-            }
-        }
-    }
-
-    /// Components to log values, in place, for the encoder: not the decoder's rounding.
-    #[cfg(feature = "encode")]
-    pub(crate) fn inverse_f64(&self, planes: &mut [f64], channels: usize) {
-        let ChannelTransform::Matrix(matrix) = self else { return };
-        let n = planes.len() / channels;
-        if channels == 3 {
-            return mix_three(planes, |t, c| f64::from(matrix[3 * c + t]));
-        }
-        let mut components = vec![0.0; channels];
-        for i in 0..n {
-            for (t, component) in components.iter_mut().enumerate() {
-                *component = planes[t * n + i];
-            }
-            for c in 0..channels {
-                planes[c * n + i] = (0..channels).map(|t| components[t] * f64::from(matrix[t * channels + c])).sum();
+                let products = row.iter().zip(&values).map(|(m, v)| T::of(f64::from(*m)) * *v);
+                planes[t * n + i] = products.fold(T::zero(), |sum, product| sum + product);
             }
         }
     }
@@ -90,13 +75,13 @@ impl ChannelTransform {
 
 /// Three planes, each replaced by the sum over all of them times `entry(new, old)`; laid out so that it vectorises.
 #[cfg(feature = "encode")]
-fn mix_three(planes: &mut [f64], entry: impl Fn(usize, usize) -> f64) {
+fn mix_three<T: Real>(planes: &mut [T], entry: impl Fn(usize, usize) -> f32) {
     let (first, rest) = planes.split_at_mut(planes.len() / 3);
     let (second, third) = rest.split_at_mut(first.len());
-    let m: [[f64; 3]; 3] = std::array::from_fn(|new| std::array::from_fn(|old| entry(new, old)));
+    let m: [[T; 3]; 3] = std::array::from_fn(|new| std::array::from_fn(|old| T::of(entry(new, old).into())));
     for ((a, b), c) in first.iter_mut().zip(second).zip(third) {
         let x = [*a, *b, *c];
-        let sum = |row: &[f64; 3]| x[0] * row[0] + x[1] * row[1] + x[2] * row[2];
+        let sum = |row: &[T; 3]| x[0] * row[0] + x[1] * row[1] + x[2] * row[2];
         (*a, *b, *c) = (sum(&m[0]), sum(&m[1]), sum(&m[2]));
     }
 }

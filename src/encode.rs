@@ -10,6 +10,7 @@ mod effort;
 mod estimate;
 mod fill;
 mod grazing;
+mod guess;
 mod pack;
 mod recover;
 mod search;
@@ -386,13 +387,14 @@ impl Encoder {
             return Ok(None);
         }
         let grid = table.grid();
-        let plain = Dense::new(table, self.eps);
+        let plain = Dense::new(table, self.eps, self.basis);
         let fitted = self.profile && self.basis == Basis::Dct;
+        let guesses = plain.guesses();
         let steep = fitted.then(|| plain.with_profile(grid, transform, self)).flatten();
-        let plain = plain.filled();
-        let Some(steep) = steep.map(Dense::filled) else { return Ok(Some(plain)) };
-        let dearer = self.price_whole(&steep, transform, grid)? >= self.price_whole(&plain, transform, grid)?;
-        Ok(Some(if dearer { plain } else { steep }))
+        let plain = plain.filled(&guesses);
+        let Some(steep) = steep.map(|steep| steep.filled(&guesses)) else { return Ok(Some(plain)) };
+        let pays = self.profile_pays(&plain, &steep, transform, grid)?;
+        Ok(Some(if pays { steep } else { plain }))
     }
 
     /// One encode at the encoder's step; `dense` is the table made ready for it, if that is to be.

@@ -52,6 +52,22 @@ impl Horizon {
         elevation(self.theta_h[h], self.theta_d[d], self.phi_d[p])
     }
 
+    /// The elevations of a grid.
+    #[cfg(feature = "encode")]
+    fn elevations(&self, shape: [usize; 4]) -> Vec<f64> {
+        use rayon::prelude::*;
+        let slab: usize = shape[2..].iter().product();
+        let mut elevations = vec![0.0; shape.iter().product()];
+        elevations.par_chunks_mut(slab.max(1)).enumerate().for_each(|(s, slab)| {
+            for (k, row) in slab.chunks_exact_mut(shape[3]).enumerate() {
+                for (l, elevation) in row.iter_mut().enumerate() {
+                    *elevation = self.elevation([s / shape[1], s % shape[1], k, l]);
+                }
+            }
+        });
+        elevations
+    }
+
     /// True if every pair of directions in the bin has one below the horizon.
     pub(crate) fn is_impossible(&self, position: [usize; 4]) -> bool {
         let [h, d, p] = self.axes.map(|axis| position[axis]);
@@ -68,12 +84,11 @@ fn elevation((sin_h, cos_h): (f64, f64), (sin_d, cos_d): (f64, f64), abs_cos_p: 
 /// `valid` in grid order. Predicted valid: elevation >= threshold.
 #[cfg(feature = "encode")]
 pub(crate) fn fit_threshold(horizon: &Horizon, shape: [usize; 4], valid: &[bool]) -> (f64, usize) {
-    use crate::block::positions;
     const BINS: usize = 1 << 14;
-    let elevations = || positions(shape).map(|p| horizon.elevation(p)).zip(valid.iter().copied());
+    let elevations = horizon.elevations(shape);
     let bin = |e: f64| ((e + 1.0) / 2.0 * BINS as f64).clamp(0.0, (BINS - 1) as f64) as usize;
     let mut counts = vec![[0usize; 2]; BINS];
-    elevations().for_each(|(e, valid)| counts[bin(e)][usize::from(valid)] += 1);
+    elevations.iter().zip(valid).for_each(|(&e, &valid)| counts[bin(e)][usize::from(valid)] += 1);
     // Wrong with the threshold below everything: all that is invalid. Each bin passed corrects or adds errors.
     let below: usize = counts.iter().map(|c| c[0]).sum();
     let (mut wrong, mut best, mut best_bin) = (below, below, 0);
@@ -88,7 +103,8 @@ pub(crate) fn fit_threshold(horizon: &Horizon, shape: [usize; 4], valid: &[bool]
     let mut threshold = best_bin as f64 / BINS as f64 * 2.0 - 1.0;
     let beside: Vec<usize> = [best_bin.wrapping_sub(1), best_bin].into_iter().filter(|&b| b < BINS).collect();
     let inside: usize = beside.iter().map(|&b| counts[b][usize::from(b < best_bin)]).sum();
-    let mut close: Vec<(f64, bool)> = elevations().filter(|(e, _)| beside.contains(&bin(*e))).collect();
+    let mut close: Vec<(f64, bool)> =
+        elevations.iter().copied().zip(valid.iter().copied()).filter(|(e, _)| beside.contains(&bin(*e))).collect();
     close.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut wrong = best - inside + close.iter().filter(|(_, valid)| *valid).count();
     for (i, (e, valid)) in close.iter().enumerate().rev() {

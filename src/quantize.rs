@@ -18,8 +18,10 @@ impl Quantizer {
     /// `None` if its magnitude is beyond what the format holds.
     #[cfg(feature = "encode")]
     pub fn quantize(step: f32, rounding: f64, coefficient: f64) -> Option<i32> {
-        let magnitude = (coefficient.abs() / f64::from(step) + rounding).floor();
-        (magnitude <= f64::from(MAX_MAGNITUDE)).then_some(if coefficient < 0.0 { -magnitude } else { magnitude } as i32)
+        let magnitude = coefficient.abs() / f64::from(step) + rounding;
+        // Conversion rounds down; `floor` would be a call.
+        let within = magnitude < f64::from(MAX_MAGNITUDE + 1);
+        within.then_some(if coefficient < 0.0 { -(magnitude as i32) } else { magnitude as i32 })
     }
 
     /// Coefficient of an integer.

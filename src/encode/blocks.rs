@@ -39,10 +39,17 @@ impl Quantized {
     }
 
     /// Quantises the coefficients of a component. `None` if one is beyond what the format holds.
-    pub(super) fn quantize(&mut self, component: usize, step: f32, rounding: f64, values: &[f64]) -> Option<()> {
-        self.means[component] = Some(quantize_mean(step, values[0])?);
+    pub(super) fn quantize(
+        &mut self,
+        component: usize,
+        step: f32,
+        rounding: f64,
+        values: &[impl Copy + Into<f64>],
+    ) -> Option<()> {
+        self.means[component] = Some(quantize_mean(step, values[0].into())?);
         let coefficients = &mut self.coefficients[component * values.len()..(component + 1) * values.len()];
         for (q, &value) in coefficients.iter_mut().zip(values).skip(1) {
+            let value: f64 = value.into();
             *q = Quantizer::quantize(step, rounding, value)?;
             self.squared_error += (value - f64::from(*q) * f64::from(step)).powi(2);
             if *q != 0 {
@@ -53,6 +60,11 @@ impl Quantized {
         }
         Some(())
     }
+}
+
+/// Log value of a valid entry. Source values up to f64::MAX times a scale above 1 may overflow: the log stays finite all the same.
+pub(super) fn channel_log(value: f64, scale: f64, eps: f64) -> f64 {
+    tone_map((value * scale).min(f64::MAX), eps)
 }
 
 /// Log values and validity of a block, `[channel][position]`; zero where not valid.
@@ -67,8 +79,7 @@ pub(super) fn gather_log(table: &BrdfTable, block: &Block, eps: f64) -> (Vec<f64
         block.gather(grid.shape(), table.plane(c), values);
         block.gather(grid.shape(), table.valid_plane(c), valid);
         for (value, &valid) in values.iter_mut().zip(valid.iter()) {
-            // Source values up to f64::MAX times a scale above 1 may overflow: the log stays finite all the same.
-            *value = if valid { tone_map((*value * channel.scale).min(f64::MAX), eps) } else { 0.0 };
+            *value = if valid { channel_log(*value, channel.scale, eps) } else { 0.0 };
         }
     }
     (values, valid)

@@ -87,7 +87,10 @@ fn uniform(grid: [usize; 4], shape: &[usize]) -> Result<Partition> {
 pub(super) fn fit_horizon(table: &BrdfTable) -> Option<f64> {
     let horizon = Horizon::new(table.grid())?;
     let n = table.grid().positions();
-    let any: Vec<bool> = (0..n).map(|i| (0..table.grid().channels().len()).any(|c| table.valid_plane(c)[i])).collect();
+    let mut any = table.valid_plane(0).to_vec();
+    for plane in table.valid().chunks_exact(n).skip(1) {
+        any.iter_mut().zip(plane).for_each(|(any, valid)| *any |= valid);
+    }
     let invalid = any.iter().filter(|v| !**v).count();
     let (threshold, wrong) = fit_threshold(&horizon, table.grid().shape(), &any);
     if 2 * wrong > any.len() - invalid {

@@ -12,6 +12,7 @@
 use rayon::prelude::*;
 
 use super::Effort;
+use super::effort::ProfileStage;
 use crate::channel::ChannelTransform;
 use crate::entropy::{self, Walk};
 use crate::format::profile::{CodedProfile, TABLES};
@@ -32,11 +33,35 @@ const DELTA: f32 = 0.05;
 const SMOOTHNESS: f32 = 0.5;
 const RIDGE: f32 = 0.1;
 
-/// Every so many bins of theta_h take part: the tables between are smooth.
-const STRIDE: usize = 2;
+/// Components that are fitted side by side.
+const LANES: usize = 4;
+
+/// A value of each of these.
+type Lanes = [f32; LANES];
 
 /// Fewer differences than this tell no profile.
 const LEAST_PAIRS: usize = 2000;
+
+fn plus(a: Lanes, b: Lanes) -> Lanes {
+    std::array::from_fn(|l| a[l] + b[l])
+}
+
+fn minus(a: Lanes, b: Lanes) -> Lanes {
+    std::array::from_fn(|l| a[l] - b[l])
+}
+
+fn times(a: Lanes, b: Lanes) -> Lanes {
+    std::array::from_fn(|l| a[l] * b[l])
+}
+
+/// The knots of a bin in a table.
+fn knots(table: &[Lanes], bin: usize) -> &[Lanes; KNOTS] {
+    &table.as_chunks().0[bin]
+}
+
+fn knots_mut(table: &mut [Lanes], bin: usize) -> &mut [Lanes; KNOTS] {
+    &mut table.as_chunks_mut().0[bin]
+}
 
 /// Positions of one bin of theta_h that are near the horizon.
 struct Plane {
@@ -46,42 +71,51 @@ struct Plane {
     places: Vec<Place>,
     /// Where each place is in a plane of the table.
     positions: Vec<u32>,
-    /// Neighbours along theta_d or phi_d.
-    pairs: Vec<(u32, u32)>,
+    /// Whether the place before is the neighbour along phi_d.
+    after: Vec<bool>,
+    /// The neighbour along theta_d before each place, if there is one.
+    below: Vec<Option<u32>>,
 }
 
-/// Tables `[table][bin][knot]` of one component.
+/// Tables `[table][bin][knot]` of a few components.
 #[derive(Clone)]
-struct Tables([Vec<f32>; TABLES]);
+struct Tables([Vec<Lanes>; TABLES]);
 
 impl Tables {
     fn zero(bins: [usize; 2]) -> Tables {
-        Tables(std::array::from_fn(|t| vec![0.0; bins[t / 2] * KNOTS]))
+        Tables(std::array::from_fn(|t| vec![[0.0; LANES]; bins[t / 2] * KNOTS]))
     }
 
-    fn zip(&mut self, other: &Tables, mut f: impl FnMut(&mut f32, f32)) {
+    fn zip(&mut self, other: &Tables, f: impl Fn(usize, &mut f32, f32)) {
         for (a, b) in self.0.iter_mut().zip(&other.0) {
-            a.iter_mut().zip(b).for_each(|(a, &b)| f(a, b));
+            for (a, b) in a.iter_mut().zip(b) {
+                (0..LANES).for_each(|l| f(l, &mut a[l], b[l]));
+            }
         }
     }
 
     fn plus(mut self, other: Tables) -> Tables {
-        self.zip(&other, |a, b| *a += b);
+        self.zip(&other, |_, a, b| *a += b);
         self
     }
 
-    fn dot(&self, other: &Tables) -> f64 {
-        let pairs = self.0.iter().flatten().zip(other.0.iter().flatten());
-        pairs.map(|(&a, &b)| f64::from(a) * f64::from(b)).sum()
+    fn dot(&self, other: &Tables) -> [f64; LANES] {
+        let mut sums = [0.0; LANES];
+        for (a, b) in self.0.iter().flatten().zip(other.0.iter().flatten()) {
+            (0..LANES).for_each(|l| sums[l] += f64::from(a[l]) * f64::from(b[l]));
+        }
+        sums
     }
 
     /// Adds the gradient of the penalty at `x`.
     fn add_penalty(&mut self, x: &Tables) {
-        let second = |out: &mut Vec<f32>, x: &[f32], at: usize, stride: usize| {
-            let bend = SMOOTHNESS * (x[at - stride] - 2.0 * x[at] + x[at + stride]);
-            out[at - stride] += bend;
-            out[at] -= 2.0 * bend;
-            out[at + stride] += bend;
+        let second = |out: &mut Vec<Lanes>, x: &[Lanes], at: usize, stride: usize| {
+            for l in 0..LANES {
+                let bend = SMOOTHNESS * (x[at - stride][l] - 2.0 * x[at][l] + x[at + stride][l]);
+                out[at - stride][l] += bend;
+                out[at][l] -= 2.0 * bend;
+                out[at + stride][l] += bend;
+            }
         };
         for (out, x) in self.0.iter_mut().zip(&x.0) {
             let bins = x.len() / KNOTS;
@@ -91,66 +125,97 @@ impl Tables {
                     (0..KNOTS).for_each(|e| second(out, x, bin * KNOTS + e, KNOTS));
                 }
             }
-            out.iter_mut().zip(x).for_each(|(out, x)| *out += RIDGE * x);
+            for (out, x) in out.iter_mut().zip(x) {
+                (0..LANES).for_each(|l| out[l] += RIDGE * x[l]);
+            }
         }
     }
 }
 
 impl Plane {
     /// Profile values at the places.
-    fn evaluate(&self, tables: &Tables) -> Vec<f32> {
-        let [h_even, h_odd, d_even, d_odd] = &tables.0;
-        let mut values = Vec::with_capacity(self.places.len());
-        let mut sides = [[0f32; KNOTS + 1]; 2];
+    fn evaluate(&self, tables: &Tables, values: &mut Vec<Lanes>) {
+        let [h_even, h_odd] = [0, 1].map(|t| knots(&tables.0[t], self.h));
+        values.clear();
+        let mut sides = [[[0f32; LANES]; KNOTS + 1]; 2];
         for (d, range) in &self.rows {
+            let [d_even, d_odd] = [2, 3].map(|t| knots(&tables.0[t], *d));
             for e in 0..KNOTS - 1 {
-                let even = h_even[self.h * KNOTS + e] + d_even[d * KNOTS + e];
-                let odd = h_odd[self.h * KNOTS + e] + d_odd[d * KNOTS + e];
-                (sides[0][e], sides[1][e]) = (even + odd, even - odd);
+                let (even, odd) = (plus(h_even[e], d_even[e]), plus(h_odd[e], d_odd[e]));
+                (sides[0][e], sides[1][e]) = (plus(even, odd), minus(even, odd));
             }
             values.extend(self.places[range.clone()].iter().map(|place| {
                 let side = |s: usize| {
-                    let (knot, table) = (usize::from(place.knot[s]), &sides[s]);
-                    table[knot] + (table[knot + 1] - table[knot]) * place.fraction[s]
+                    let knot = usize::from(place.knot[s]).min(KNOTS - 1);
+                    let (below, above) = (sides[s][knot], sides[s][knot + 1]);
+                    plus(below, times(minus(above, below), [place.fraction[s]; LANES]))
                 };
-                side(0) + side(1)
+                plus(side(0), side(1))
             }));
         }
-        values
     }
 
     /// Adds the adjoint of [`Plane::evaluate`].
-    fn add_adjoint(&self, values: &[f32], tables: &mut Tables) {
+    fn add_adjoint(&self, values: &[Lanes], tables: &mut Tables) {
         let [h_even, h_odd, d_even, d_odd] = &mut tables.0;
+        let (h_even, h_odd) = (knots_mut(h_even, self.h), knots_mut(h_odd, self.h));
         for (d, range) in &self.rows {
-            let mut sides = [[0f32; KNOTS + 1]; 2];
-            for (place, value) in self.places[range.clone()].iter().zip(&values[range.clone()]) {
-                for (s, side) in sides.iter_mut().enumerate() {
-                    let knot = usize::from(place.knot[s]);
-                    let upper = value * place.fraction[s];
-                    side[knot] += value - upper;
-                    side[knot + 1] += upper;
+            // Every other place into sums of its own: neighbours mostly add to the same knots, and would wait for each other.
+            let mut halves = [[[[0f32; LANES]; KNOTS + 1]; 2]; 2];
+            let places = self.places[range.clone()].iter().zip(&values[range.clone()]);
+            for (i, (place, &value)) in places.enumerate() {
+                for (s, side) in halves[i % 2].iter_mut().enumerate() {
+                    let knot = usize::from(place.knot[s]).min(KNOTS - 1);
+                    let upper = times(value, [place.fraction[s]; LANES]);
+                    side[knot] = plus(side[knot], minus(value, upper));
+                    side[knot + 1] = plus(side[knot + 1], upper);
                 }
             }
+            let (d_even, d_odd) = (knots_mut(d_even, *d), knots_mut(d_odd, *d));
             for e in 0..KNOTS - 1 {
-                let (even, odd) = (sides[0][e] + sides[1][e], sides[0][e] - sides[1][e]);
-                h_even[self.h * KNOTS + e] += even;
-                h_odd[self.h * KNOTS + e] += odd;
-                d_even[d * KNOTS + e] += even;
-                d_odd[d * KNOTS + e] += odd;
+                let [light, sensor] = [0, 1].map(|s: usize| plus(halves[0][s][e], halves[1][s][e]));
+                let (even, odd) = (plus(light, sensor), minus(light, sensor));
+                h_even[e] = plus(h_even[e], even);
+                h_odd[e] = plus(h_odd[e], odd);
+                d_even[e] = plus(d_even[e], even);
+                d_odd[e] = plus(d_odd[e], odd);
             }
         }
     }
 
-    /// Weighted differences of neighbours, and back.
-    fn laplacian(&self, weights: &[f32], values: &[f32]) -> Vec<f32> {
-        let mut out = vec![0.0; values.len()];
-        for (&(a, b), weight) in self.pairs.iter().zip(weights) {
-            let pull = weight * (values[b as usize] - values[a as usize]);
-            out[b as usize] += pull;
-            out[a as usize] -= pull;
+    /// Differences from the neighbours along phi_d and theta_d, weighted by place, and back.
+    fn laplacian(&self, weights: &[[Lanes; 2]], values: &[Lanes], out: &mut Vec<Lanes>) {
+        out.clear();
+        out.resize(values.len(), [0.0; LANES]);
+        let mut before = [0f32; LANES];
+        for (i, (weights, below)) in weights.iter().zip(&self.below).enumerate() {
+            let value = values[i];
+            // The weight is zero where the place before is no neighbour.
+            let pull = times(weights[0], minus(value, before));
+            if i > 0 {
+                out[i - 1] = minus(out[i - 1], pull);
+            }
+            out[i] = pull;
+            if let Some(below) = *below {
+                let below = below as usize;
+                let pull = times(weights[1], minus(value, values[below]));
+                out[i] = plus(out[i], pull);
+                out[below] = minus(out[below], pull);
+            }
+            before = value;
         }
-        out
+    }
+
+    /// Calls `each` with a place, a neighbour before it, and 0 if it is one along phi_d, 1 along theta_d.
+    fn pairs(&self, mut each: impl FnMut(usize, usize, usize)) {
+        for (i, (after, below)) in self.after.iter().zip(&self.below).enumerate() {
+            if *after {
+                each(i, i - 1, 0);
+            }
+            if let Some(below) = *below {
+                each(i, below as usize, 1);
+            }
+        }
     }
 }
 
@@ -162,7 +227,14 @@ fn planes(grid: &Grid, known: &[bool]) -> Option<Vec<Plane>> {
     let empty = Profile::new(grid, KNOTS, ZONE, Default::default())?;
     let inside = |place: &Place| place.knot.iter().any(|&knot| usize::from(knot) < KNOTS - 1);
     let plane = |h: usize| {
-        let mut plane = Plane { h, rows: Vec::new(), places: Vec::new(), positions: Vec::new(), pairs: Vec::new() };
+        let mut plane = Plane {
+            h,
+            rows: Vec::new(),
+            places: Vec::new(),
+            positions: Vec::new(),
+            after: Vec::new(),
+            below: Vec::new(),
+        };
         let mut row = Vec::new();
         let mut before = vec![u32::MAX; bins_p];
         for d in 0..bins_d {
@@ -180,12 +252,8 @@ fn planes(grid: &Grid, known: &[bool]) -> Option<Vec<Plane>> {
                 current[p] = number;
                 plane.places.push(row[p]);
                 plane.positions.push(position as u32);
-                if p > 0 && current[p - 1] != u32::MAX {
-                    plane.pairs.push((number - 1, number));
-                }
-                if before[p] != u32::MAX {
-                    plane.pairs.push((before[p], number));
-                }
+                plane.after.push(p > 0 && current[p - 1] != u32::MAX);
+                plane.below.push(Some(before[p]).filter(|&below| below != u32::MAX));
             }
             if plane.places.len() > start {
                 plane.rows.push((d, start..plane.places.len()));
@@ -194,85 +262,113 @@ fn planes(grid: &Grid, known: &[bool]) -> Option<Vec<Plane>> {
         }
         plane
     };
-    let planes: Vec<Plane> = (STRIDE / 2..bins_h).into_par_iter().step_by(STRIDE).map(plane).collect();
-    (planes.iter().map(|p| p.pairs.len()).sum::<usize>() >= LEAST_PAIRS).then_some(planes)
+    let planes: Vec<Plane> = (0..bins_h).into_par_iter().map(plane).collect();
+    let mut count = 0;
+    planes.iter().for_each(|plane| plane.pairs(|_, _, _| count += 1));
+    (count >= LEAST_PAIRS).then_some(planes)
 }
 
-/// Tables of a component with these values, in grid order.
-fn solve(planes: &[Plane], bins: [usize; 2], values: &[f32], (rounds, steps): (usize, usize)) -> Tables {
-    // Planes are grouped in a fixed way, so that sums do not depend on the number of threads.
-    let over = |add: &(dyn Fn(usize, &mut Tables) + Sync)| {
-        let numbers: Vec<usize> = (0..planes.len()).collect();
-        let parts: Vec<Tables> = numbers
-            .par_chunks(planes.len().div_ceil(4).max(1))
-            .map(|part| {
-                let mut tables = Tables::zero(bins);
-                part.iter().for_each(|&i| add(i, &mut tables));
-                tables
-            })
-            .collect();
-        parts.into_iter().fold(Tables::zero(bins), Tables::plus)
-    };
-    let mut weights: Vec<Vec<f32>> = planes.iter().map(|p| vec![1.0; p.pairs.len()]).collect();
+/// Tables of up to [`LANES`] components with these values, in grid order.
+fn solve(planes: &[Plane], bins: [usize; 2], components: &[&[f32]], stages: &[ProfileStage]) -> Tables {
     let mut x = Tables::zero(bins);
-    for round in 0..rounds {
-        let residuals: Vec<Vec<f32>> = planes
-            .par_iter()
-            .map(|plane| {
-                let fitted = plane.evaluate(&x);
-                plane.positions.iter().zip(fitted).map(|(&at, fitted)| values[at as usize] - fitted).collect()
-            })
-            .collect();
-        if round > 0 {
-            weights.par_iter_mut().zip(planes).zip(&residuals).for_each(|((weights, plane), r)| {
-                for (weight, &(a, b)) in weights.iter_mut().zip(&plane.pairs) {
-                    *weight = DELTA / ((r[b as usize] - r[a as usize]).abs() + DELTA);
-                }
-            });
-        }
-        let mut r = over(&|i, out| planes[i].add_adjoint(&planes[i].laplacian(&weights[i], &residuals[i]), out));
-        let mut penalty = Tables::zero(bins);
-        penalty.add_penalty(&x);
-        r.zip(&penalty, |r, p| *r -= p);
-        // About the diagonal: what each entry's places weigh.
-        let mut diagonal = over(&|i, out| {
-            let mut weight = vec![0.0; planes[i].places.len()];
-            for (&(a, b), w) in planes[i].pairs.iter().zip(&weights[i]) {
-                weight[a as usize] += w;
-                weight[b as usize] += w;
-            }
-            planes[i].add_adjoint(&weight, out);
-        });
-        (diagonal.0[1], diagonal.0[3]) = (diagonal.0[0].clone(), diagonal.0[2].clone());
-        diagonal.0.iter_mut().flatten().for_each(|d| *d = 0.3 * *d + 12.0 * SMOOTHNESS + RIDGE);
-        let scaled = |r: &Tables| {
-            let mut z = r.clone();
-            z.zip(&diagonal, |z, d| *z /= d);
-            z
-        };
-        let mut z = scaled(&r);
-        let mut direction = z.clone();
-        let mut energy = r.dot(&z);
-        for _ in 0..steps {
-            if energy <= 1e-12 {
-                break;
-            }
-            let mut image = over(&|i, out| {
-                let plane = &planes[i];
-                plane.add_adjoint(&plane.laplacian(&weights[i], &plane.evaluate(&direction)), out);
-            });
-            image.add_penalty(&direction);
-            let length = (energy / direction.dot(&image)) as f32;
-            x.zip(&direction, |x, d| *x += length * d);
-            r.zip(&image, |r, i| *r -= length * i);
-            z = scaled(&r);
-            let left = r.dot(&z);
-            let keep = (left / energy) as f32;
-            energy = left;
-            direction.zip(&z, |d, z| *d = z + keep * *d);
+    for (number, stage) in stages.iter().enumerate() {
+        let some: Vec<&Plane> = planes.iter().skip(stage.stride / 2).step_by(stage.stride).collect();
+        for round in 0..stage.rounds {
+            refine(&mut x, &some, bins, components, number + round > 0, stage.steps);
         }
     }
     x
+}
+
+/// Adds what a plane, by number, gives; with buffers.
+type AddPlane<'a> = &'a (dyn Fn(usize, &mut Tables, &mut [Vec<Lanes>; 2]) + Sync);
+
+/// A round of reweighting and conjugate gradient steps; differences weigh the same if they are not `robust`.
+fn refine(x: &mut Tables, planes: &[&Plane], bins: [usize; 2], components: &[&[f32]], robust: bool, steps: usize) {
+    const GROUPS: usize = 4;
+    // Planes are grouped in a fixed way, so that sums do not depend on the number of threads.
+    let over = |add: AddPlane| {
+        let parts: Vec<Tables> = (0..GROUPS)
+            .into_par_iter()
+            .with_max_len(1)
+            .map(|group| {
+                let mut tables = Tables::zero(bins);
+                let mut buffers = Default::default();
+                (group..planes.len()).step_by(GROUPS).for_each(|i| add(i, &mut tables, &mut buffers));
+                tables
+            })
+            .collect();
+        parts.into_iter().reduce(Tables::plus).expect("some groups")
+    };
+    let mut weights: Vec<Vec<[Lanes; 2]>> = planes.iter().map(|p| vec![Default::default(); p.places.len()]).collect();
+    let residuals: Vec<Vec<Lanes>> = planes
+        .par_iter()
+        .map(|plane| {
+            let mut residuals = Vec::new();
+            plane.evaluate(x, &mut residuals);
+            for (residual, &at) in residuals.iter_mut().zip(&plane.positions) {
+                for (residual, values) in residual.iter_mut().zip(components) {
+                    *residual = values[at as usize] - *residual;
+                }
+            }
+            residuals
+        })
+        .collect();
+    weights.par_iter_mut().zip(planes).zip(&residuals).for_each(|((weights, plane), r)| {
+        plane.pairs(|i, before, along| {
+            let weight = |l: usize| if robust { DELTA / ((r[i][l] - r[before][l]).abs() + DELTA) } else { 1.0 };
+            weights[i][along] = std::array::from_fn(weight);
+        });
+    });
+    let mut r = over(&|i, out, [pulls, _]| {
+        planes[i].laplacian(&weights[i], &residuals[i], pulls);
+        planes[i].add_adjoint(pulls, out);
+    });
+    let mut penalty = Tables::zero(bins);
+    penalty.add_penalty(x);
+    r.zip(&penalty, |_, r, p| *r -= p);
+    // About the diagonal: what each entry's places weigh.
+    let mut diagonal = over(&|i, out, [weight, _]| {
+        weight.clear();
+        weight.resize(planes[i].places.len(), [0.0; LANES]);
+        planes[i].pairs(|place, before, along| {
+            let w = weights[i][place][along];
+            weight[place] = plus(weight[place], w);
+            weight[before] = plus(weight[before], w);
+        });
+        planes[i].add_adjoint(weight, out);
+    });
+    (diagonal.0[1], diagonal.0[3]) = (diagonal.0[0].clone(), diagonal.0[2].clone());
+    diagonal.0.iter_mut().flatten().flatten().for_each(|d| *d = 0.3 * *d + 12.0 * SMOOTHNESS + RIDGE);
+    let scaled = |r: &Tables| {
+        let mut z = r.clone();
+        z.zip(&diagonal, |_, z, d| *z /= d);
+        z
+    };
+    let mut z = scaled(&r);
+    let mut direction = z.clone();
+    let mut energy = r.dot(&z);
+    for _ in 0..steps {
+        let mut image = over(&|i, out, [values, pulls]| {
+            let plane = &planes[i];
+            plane.evaluate(&direction, values);
+            plane.laplacian(&weights[i], values, pulls);
+            plane.add_adjoint(pulls, out);
+        });
+        image.add_penalty(&direction);
+        let curvature = direction.dot(&image);
+        let ratio = |over: [f64; LANES], under: [f64; LANES]| -> Lanes {
+            std::array::from_fn(|l| if under[l] > 1e-12 { (over[l] / under[l]) as f32 } else { 0.0 })
+        };
+        let length = ratio(energy, curvature);
+        x.zip(&direction, |l, x, d| *x += length[l] * d);
+        r.zip(&image, |l, r, i| *r -= length[l] * i);
+        z = scaled(&r);
+        let left = r.dot(&z);
+        let keep = ratio(left, energy);
+        energy = left;
+        direction.zip(&z, |l, d, z| *d = z + keep[l] * *d);
+    }
 }
 
 /// Fits a profile to logarithms `[channel][position]` where they are known; `None` if the grid has none or too little
@@ -291,13 +387,11 @@ pub(super) fn fit(
         return None;
     }
     let planes = planes(grid, known)?;
-    let mut components: Vec<f64> = log.iter().map(|&value| value.into()).collect();
+    let mut components = log.to_vec();
     transform.forward(&mut components, channels);
-    let components: Vec<f32> = components.iter().map(|&value| value as f32).collect();
-    let tables: Vec<Tables> = components
-        .chunks_exact(grid.positions())
-        .map(|values| solve(&planes, bins, values, effort.profile_steps()))
-        .collect();
+    let components: Vec<&[f32]> = components.chunks_exact(grid.positions()).collect();
+    let tables: Vec<Tables> =
+        components.chunks(LANES).map(|components| solve(&planes, bins, components, effort.profile_stages())).collect();
     let mut first = Vec::new();
     let mut encoder = Encoder::new(&vec![1 << 15; entropy::CONTEXTS]);
     let mut walk = Walk::default();
@@ -305,8 +399,8 @@ pub(super) fn fit(
         let shape = [1, 1, bins[t / 2], KNOTS];
         let mut fourier = Transform::new(Basis::Dct, shape);
         let mut coefficients = Vec::new();
-        for tables in &tables {
-            let mut values: Vec<f64> = tables.0[t].iter().map(|&value| value.into()).collect();
+        for c in 0..channels {
+            let mut values: Vec<f64> = tables[c / LANES].0[t].iter().map(|lanes| lanes[c % LANES].into()).collect();
             fourier.analyze(&mut values);
             first.push(quantize_mean(step, values[0])?);
             coefficients.push(0);

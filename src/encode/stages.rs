@@ -8,7 +8,6 @@ use super::Encoder;
 use super::blocks::{Quantized, gather_log};
 use super::dense::{Dense, DenseBlock};
 use super::estimate::Estimate;
-use super::fill::Filler;
 use super::recover::{Recoverer, Recovery, Solves};
 use crate::block::{Block, Partition};
 use crate::channel::ChannelTransform;
@@ -107,15 +106,12 @@ impl Encoder {
         (0..count)
             .into_par_iter()
             .with_max_len(1)
-            .map_init(
-                || Filler::new(self.basis),
-                |filler, number| {
-                    let block = partition.block(number).expect("number is below the count");
-                    let quantized = self.quantize_dense(dense, transform, filler, &block, self.effort.fill_steps());
-                    progress((done.fetch_add(1, Ordering::Relaxed) + 1) as f64 / count as f64);
-                    quantized.ok_or_else(|| self.too_fine())
-                },
-            )
+            .map(|number| {
+                let block = partition.block(number).expect("number is below the count");
+                let quantized = self.quantize_dense(dense, transform, &block, self.effort.fill_steps());
+                progress((done.fetch_add(1, Ordering::Relaxed) + 1) as f64 / count as f64);
+                quantized.ok_or_else(|| self.too_fine())
+            })
             .collect()
     }
 
@@ -125,7 +121,6 @@ impl Encoder {
         &self,
         dense: &Dense,
         transform: &ChannelTransform,
-        filler: &mut Filler,
         block: &Block,
         fill_steps: usize,
     ) -> Option<Quantized> {
@@ -136,7 +131,7 @@ impl Encoder {
         if count == 0 {
             return Some(quantized);
         }
-        filler.analyze(block.shape, transform, &mut log, &known, self.step.into(), fill_steps);
+        dense.fillers.with(|filler| filler.analyze(block.shape, transform, &mut log, &known, self.step, fill_steps));
         for (c, values) in log.chunks_exact(n).enumerate() {
             quantized.quantize(c, self.step, self.rounding, values)?;
         }

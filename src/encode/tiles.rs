@@ -8,7 +8,6 @@
 use rayon::prelude::*;
 
 use super::dense::Dense;
-use super::fill::Filler;
 use super::{Effort, Encoder};
 use crate::block::{Block, Partition};
 use crate::channel::ChannelTransform;
@@ -21,6 +20,9 @@ use crate::range::{Costs, Counter};
 
 /// Bytes that each block costs in index and record besides its coefficients.
 const OVERHEAD: f64 = 10.5;
+
+/// One block of so many of the first shape trains the costs by which the others are judged.
+const TRAINING: usize = 4;
 
 /// Squared error that a bit buys, in squared steps: what changing the rounding does (alum-bronze, golden yellow).
 const EXCHANGE: f64 = 0.07;
@@ -45,9 +47,9 @@ fn tilings(axes: usize) -> Tilings {
         },
         3 => Tilings {
             wide: &[18, 18, 180],
-            wide_shapes: &[&[18, 18, 180], &[9, 18, 180], &[18, 9, 180], &[9, 9, 180]],
+            wide_shapes: &[&[18, 18, 180], &[9, 9, 180], &[9, 18, 180], &[18, 9, 180]],
             narrow: &[18, 18, 60],
-            narrow_shapes: &[&[9, 9, 60], &[18, 18, 60], &[9, 18, 60], &[18, 9, 60], &[6, 9, 60], &[9, 9, 20]],
+            narrow_shapes: &[&[9, 9, 60], &[18, 18, 60], &[9, 9, 20], &[6, 9, 60], &[9, 18, 60], &[18, 9, 60]],
         },
         _ => Tilings {
             wide: &[10, 12, 12, 36],
@@ -99,7 +101,7 @@ impl Encoder {
         let mut narrow_shapes = usable(narrow_shapes, narrow);
         let mut wide_shapes = usable(wide_shapes, wide);
         if self.effort == Effort::Fast {
-            narrow_shapes.truncate(1);
+            narrow_shapes.truncate(4);
             wide_shapes.truncate(1);
         }
         wide_shapes.retain(|shape| !narrow_shapes.contains(shape));
@@ -109,7 +111,8 @@ impl Encoder {
                 "with {channels} channels no usual block shape is within the format's limits; give a smaller one"
             )));
         };
-        let costs = Costs::new(&self.count(dense, transform, &cut(&whole, first))?.0);
+        let training: Vec<Block> = cut(&whole, first).into_iter().step_by(TRAINING).collect();
+        let costs = Costs::new(&self.count(dense, transform, &training)?.0);
         progress(0.1);
         let (wide_tiles, narrow_tiles) = (cut(&whole, wide), cut(&whole, narrow));
         // Costs [tile][shape].
@@ -120,10 +123,8 @@ impl Encoder {
                 .into_par_iter()
                 .with_max_len(1)
                 .map_init(
-                    || (Filler::new(self.basis), Walk::default(), costs.clone()),
-                    |(filler, walk, costs), (t, s)| {
-                        self.price(dense, transform, filler, walk, costs, &cut(&tiles[t], shapes[s]))
-                    },
+                    || (Walk::default(), costs.clone()),
+                    |(walk, costs), (t, s)| self.price(dense, transform, walk, costs, &cut(&tiles[t], shapes[s])),
                 )
                 .collect::<Result<_>>()?;
             Ok(prices.chunks_exact(shapes.len().max(1)).map(<[f64]>::to_vec).collect())
@@ -159,32 +160,43 @@ impl Encoder {
         }
     }
 
-    /// Bits of the whole table in blocks of the first narrow shape, with its profile and the squared error at the exchange rate.
-    pub(super) fn price_whole(&self, dense: &Dense, transform: &ChannelTransform, grid: &Grid) -> Result<f64> {
+    /// Whether a table takes fewer bits with its profile taken out, in blocks of the first narrow shape; the squared error counts
+    /// at the exchange rate.
+    pub(super) fn profile_pays(
+        &self,
+        plain: &Dense,
+        steep: &Dense,
+        transform: &ChannelTransform,
+        grid: &Grid,
+    ) -> Result<bool> {
         let shape = clipped(tilings(grid.axes().len()).narrow_shapes[0], grid.shape());
         let whole = Block { origin: [0; 4], shape: grid.shape() };
-        let (counter, squared_error) = self.count(dense, transform, &cut(&whole, shape))?;
-        let profile = dense.profile.as_ref().map_or(0, |profile| write_profile(profile).len());
+        let (touched, others): (Vec<Block>, Vec<Block>) =
+            cut(&whole, shape).into_iter().partition(|block| steep.differs(plain, block));
+        let others = self.count(plain, transform, &others)?;
         let step = f64::from(self.step);
-        Ok(counter.bits() + 8.0 * profile as f64 + squared_error / (EXCHANGE * step * step))
+        let price = |dense: &Dense| -> Result<f64> {
+            let (mut counter, squared_error) = self.count(dense, transform, &touched)?;
+            counter.add(&others.0);
+            Ok(counter.bits() + squared_error / (EXCHANGE * step * step))
+        };
+        let profile = steep.profile.as_ref().map_or(0, |profile| 8 * write_profile(profile).len());
+        Ok(price(steep)? + (profile as f64) < price(plain)?)
     }
 
     /// Decisions of blocks by context, and the blocks' squared error.
     fn count(&self, dense: &Dense, transform: &ChannelTransform, blocks: &[Block]) -> Result<(Counter, f64)> {
         let parts: Vec<(Counter, f64)> = blocks
             .par_iter()
-            .map_init(
-                || (Filler::new(self.basis), Walk::default()),
-                |(filler, walk), block| {
-                    let steps = self.effort.trial_steps();
-                    let mut quantized =
-                        self.quantize_dense(dense, transform, filler, block, steps).ok_or_else(|| self.too_fine())?;
-                    let mut counter = Counter::new(CONTEXTS);
-                    let coded = walk.code(&mut counter, block.shape, &mut quantized.coefficients, &mut Vec::new());
-                    debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
-                    Ok((counter, quantized.squared_error))
-                },
-            )
+            .map_init(Walk::default, |walk, block| {
+                let steps = self.effort.trial_steps();
+                let mut quantized =
+                    self.quantize_dense(dense, transform, block, steps).ok_or_else(|| self.too_fine())?;
+                let mut counter = Counter::new(CONTEXTS);
+                let coded = walk.code(&mut counter, block.shape, &mut quantized.coefficients, &mut Vec::new());
+                debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
+                Ok((counter, quantized.squared_error))
+            })
             .collect::<Result<_>>()?;
         // In the order of the blocks, so that sums do not depend on the number of threads.
         Ok(parts.into_iter().fold((Counter::new(CONTEXTS), 0.0), |(mut sum, errors), (counter, error)| {
@@ -198,7 +210,6 @@ impl Encoder {
         &self,
         dense: &Dense,
         transform: &ChannelTransform,
-        filler: &mut Filler,
         walk: &mut Walk,
         costs: &mut Costs,
         blocks: &[Block],
@@ -206,7 +217,7 @@ impl Encoder {
         let mut price = 0.0;
         for block in blocks {
             let mut quantized = self
-                .quantize_dense(dense, transform, filler, block, self.effort.trial_steps())
+                .quantize_dense(dense, transform, block, self.effort.trial_steps())
                 .ok_or_else(|| self.too_fine())?;
             let coded = walk.code(costs, block.shape, &mut quantized.coefficients, &mut Vec::new());
             debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");

@@ -121,3 +121,40 @@ mod write {
         w.0
     }
 }
+
+#[cfg(all(test, feature = "encode"))]
+mod tests {
+    use super::*;
+    use crate::grid::{Axis, Channel};
+
+    fn grid() -> Grid {
+        let merl = Grid::merl();
+        let axes = merl.axes().iter().map(|&axis| Axis { len: 2, ..axis }).collect();
+        Grid::new(axes, vec![Channel { name: "Y".into(), wavelength: None, scale: 1.0 }]).unwrap()
+    }
+
+    /// Spec section 3.9 byte for byte: two knots, zone 0.25, step 0.5, four first coefficients.
+    #[test]
+    fn bytes_are_those_of_the_specification() {
+        let profile =
+            CodedProfile { knots: 2, zone: 0.25, step: 0.5, first: vec![1, -2, 3, 0], coded: vec![0xAA], offset: 90 };
+        let bytes = [
+            &[2, 0, 0, 0][..],
+            &[0, 0, 0x80, 0x3E],
+            &[0, 0, 0, 0x3F],
+            &[1, 0, 0, 0, 0xFE, 0xFF, 0xFF, 0xFF, 3, 0, 0, 0, 0, 0, 0, 0],
+            &[0xAA],
+        ]
+        .concat();
+        assert_eq!(write_profile(&profile), bytes);
+        let read = |bytes: &[u8]| read_profile(ByteReader::new(bytes, 90, "GRAZ"), &grid());
+        assert_eq!(read(&bytes).unwrap(), profile);
+        // A knot, a reserved byte, a zone and a step that are not allowed; a section that is short.
+        for (at, byte) in [(0, 1), (0, 65), (2, 1), (7, 0xC0), (11, 0)] {
+            let mut bad = bytes.clone();
+            bad[at] = byte;
+            assert!(read(&bad).is_err(), "{at}: {byte}");
+        }
+        assert!((0..28).all(|length| read(&bytes[..length]).is_err()));
+    }
+}

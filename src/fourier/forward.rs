@@ -18,6 +18,7 @@ mod axis;
 mod conjugate;
 mod dense;
 mod long;
+mod real;
 mod sampled;
 pub(crate) mod simd;
 
@@ -26,6 +27,7 @@ use axis::{Along, Scratch};
 use conjugate::{Combine, Conjugates};
 use dense::Dense;
 use long::Long;
+pub use real::Real;
 use sampled::{Columns, Gather, Spread};
 use simd::Level;
 
@@ -45,32 +47,32 @@ const FEW: usize = 6;
 const FEW_MAX: usize = 240;
 
 /// Analysis and synthesis of blocks of one shape; holds its own scratch, so one a thread.
-pub struct Transform {
+pub struct Transform<T: Real = f64, const WIDE: usize = 8, const NARROW: usize = 4> {
     basis: Basis,
     shape: [usize; 4],
     /// Those longer than 1.
-    axes: Vec<Axis>,
+    axes: Vec<Axis<T>>,
     conjugates: Option<Conjugates>,
     /// Made when first used.
-    columns: Option<Columns>,
-    scratch: Scratch,
+    columns: Option<Columns<T>>,
+    scratch: Scratch<T, WIDE, NARROW>,
     level: Level,
 }
 
-struct Axis {
+struct Axis<T: Real> {
     n: usize,
     /// Number of values from one entry to the next.
     inner: usize,
-    kind: Kind,
+    kind: Kind<T>,
 }
 
-enum Kind {
-    Dense(Dense),
-    Long(Box<Long>),
+enum Kind<T: Real> {
+    Dense(Dense<T>),
+    Long(Box<Long<T>>),
 }
 
-impl Axis {
-    fn new(basis: Basis, n: usize, inner: usize) -> Axis {
+impl<T: Real> Axis<T> {
+    fn new(basis: Basis, n: usize, inner: usize) -> Axis<T> {
         let kind = if n <= dense_max(basis) {
             Kind::Dense(Dense::new(basis, n))
         } else {
@@ -79,7 +81,13 @@ impl Axis {
         Axis { n, inner, kind }
     }
 
-    fn apply(&mut self, block: &mut [f64], scratch: &mut Scratch, level: Level, forward: bool) {
+    fn apply<const WIDE: usize, const NARROW: usize>(
+        &mut self,
+        block: &mut [T],
+        scratch: &mut Scratch<T, WIDE, NARROW>,
+        level: Level,
+        forward: bool,
+    ) {
         let inner = self.inner;
         match &mut self.kind {
             Kind::Dense(axis) => level.run(Along { axis, inner, block, scratch, forward }),
@@ -88,16 +96,29 @@ impl Axis {
     }
 }
 
+/// In single precision: twice the lanes.
+pub type SingleTransform = Transform<f32, 16, 8>;
+
 impl Transform {
-    /// For blocks of the given shape.
+    /// For blocks of the given shape, in double precision.
     pub fn new(basis: Basis, shape: [usize; 4]) -> Transform {
         Transform::at_level(basis, shape, Level::detect())
     }
+}
 
-    fn at_level(basis: Basis, shape: [usize; 4], level: Level) -> Transform {
+impl SingleTransform {
+    /// For blocks of the given shape, in single precision.
+    pub fn single(basis: Basis, shape: [usize; 4]) -> SingleTransform {
+        SingleTransform::at_level(basis, shape, Level::detect())
+    }
+}
+
+impl<T: Real, const WIDE: usize, const NARROW: usize> Transform<T, WIDE, NARROW> {
+    fn at_level(basis: Basis, shape: [usize; 4], level: Level) -> Self {
         let inner = |axis: usize| shape[axis + 1..].iter().product();
-        let axes: Vec<Axis> = (0..4).filter(|&a| shape[a] > 1).map(|a| Axis::new(basis, shape[a], inner(a))).collect();
-        let mut scratch = Scratch::default();
+        let axes: Vec<Axis<T>> =
+            (0..4).filter(|&a| shape[a] > 1).map(|a| Axis::new(basis, shape[a], inner(a))).collect();
+        let mut scratch = Scratch::new();
         scratch.reserve(axes.iter().map(|a| a.n).max().unwrap_or(1));
         let conjugates = (basis == Basis::Dft).then(|| Conjugates::new(shape));
         Transform { basis, shape, axes, conjugates, columns: None, scratch, level }
@@ -112,13 +133,13 @@ impl Transform {
     ///
     /// # Panics
     /// This and all other methods panic where a slice's length does not fit.
-    pub fn analyze(&mut self, block: &mut [f64]) {
+    pub fn analyze(&mut self, block: &mut [T]) {
         assert_eq!(block.len(), self.positions());
         self.analyze_axes(self.axes.len(), block);
     }
 
     /// Coefficients to block values, in place: the inverse and the adjoint of [`Transform::analyze`].
-    pub fn synthesize(&mut self, block: &mut [f64]) {
+    pub fn synthesize(&mut self, block: &mut [T]) {
         assert_eq!(block.len(), self.positions());
         self.synthesize_axes(self.axes.len(), block);
     }
@@ -127,14 +148,14 @@ impl Transform {
     ///
     /// Equals [`Transform::analyze`] up to rounding; few samples (up to a sixth of the positions) save the work along the last axis, a
     /// third of the time.
-    pub fn analyze_samples(&mut self, positions: &[u32], samples: &[f64], block: &mut [f64]) {
+    pub fn analyze_samples(&mut self, positions: &[u32], samples: &[T], block: &mut [T]) {
         assert_eq!((block.len(), samples.len()), (self.positions(), positions.len()));
         let level = self.level;
         if let Some(columns) = self.columns(positions.len()) {
             level.run(Spread { columns, positions, samples, block });
             self.analyze_axes(self.axes.len() - 1, block);
         } else {
-            block.fill(0.0);
+            block.fill(T::zero());
             for (&position, sample) in positions.iter().zip(samples) {
                 block[position as usize] = *sample;
             }
@@ -144,7 +165,7 @@ impl Transform {
 
     /// Only the values at `positions` of the block with these coefficients, which are overwritten by scratch values: the
     /// adjoint of [`Transform::analyze_samples`].
-    pub fn synthesize_samples(&mut self, coefficients: &mut [f64], positions: &[u32], samples: &mut [f64]) {
+    pub fn synthesize_samples(&mut self, coefficients: &mut [T], positions: &[u32], samples: &mut [T]) {
         assert_eq!((coefficients.len(), samples.len()), (self.positions(), positions.len()));
         if self.columns(positions.len()).is_some() {
             self.synthesize_axes(self.axes.len() - 1, coefficients);
@@ -162,14 +183,14 @@ impl Transform {
     }
 
     /// The basis values of the last axis, if samples are so few that it is done with them alone.
-    fn columns(&mut self, samples: usize) -> Option<&Columns> {
+    fn columns(&mut self, samples: usize) -> Option<&Columns<T>> {
         let last = self.axes.last().filter(|a| a.n <= FEW_MAX)?;
         let few = samples <= self.positions() / FEW;
         few.then(|| &*self.columns.get_or_insert_with(|| Columns::new(self.basis, last.n)))
     }
 
     /// Analysis along the first axes, the others being done.
-    fn analyze_axes(&mut self, count: usize, block: &mut [f64]) {
+    fn analyze_axes(&mut self, count: usize, block: &mut [T]) {
         for axis in self.axes[..count].iter_mut().rev() {
             axis.apply(block, &mut self.scratch, self.level, true);
         }
@@ -179,7 +200,7 @@ impl Transform {
     }
 
     /// Synthesis along the first axes alone.
-    fn synthesize_axes(&mut self, count: usize, block: &mut [f64]) {
+    fn synthesize_axes(&mut self, count: usize, block: &mut [T]) {
         if let Some(conjugates) = &self.conjugates {
             self.level.run(Combine { conjugates, block, forward: false });
         }
@@ -335,6 +356,25 @@ mod tests {
         }
     }
 
+    #[test]
+    fn single_precision_agrees_with_double() {
+        for basis in [Basis::Dct, Basis::Dft] {
+            for shape in SHAPES {
+                let values = noise(shape.iter().product(), 17);
+                let mut double = values.clone();
+                let mut single: Vec<f32> = values.iter().map(|&v| v as f32).collect();
+                let close = |a: &[f64], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - f64::from(*b)).abs() < 2e-6);
+                let (mut in_double, mut in_single) =
+                    (Transform::new(basis, shape), SingleTransform::single(basis, shape));
+                in_double.analyze(&mut double);
+                in_single.analyze(&mut single);
+                assert!(close(&double, &single), "{basis:?} {shape:?}");
+                in_single.synthesize(&mut single);
+                assert!(close(&values, &single), "{basis:?} {shape:?}");
+            }
+        }
+    }
+
     /// Nothing but the rounding of multiply-adds may depend on the processor.
     #[test]
     fn every_level_agrees() {
@@ -342,7 +382,8 @@ mod tests {
             for shape in SHAPES {
                 let mut best = noise(shape.iter().product(), 11);
                 let mut baseline = best.clone();
-                let mut transforms = [Level::detect(), Level::baseline()].map(|l| Transform::at_level(basis, shape, l));
+                let mut transforms =
+                    [Level::detect(), Level::baseline()].map(|l| <Transform>::at_level(basis, shape, l));
                 let close = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-13);
                 transforms[0].analyze(&mut best);
                 transforms[1].analyze(&mut baseline);

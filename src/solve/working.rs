@@ -176,7 +176,7 @@ impl Task for Residual<'_> {
             // Two columns at a time: half the traffic of the residual.
             let (b, second) = used.next().unwrap_or((&0.0, first));
             for ((r, x), y) in self.r.iter_mut().zip(first).zip(second) {
-                *r = multiply_add::<FUSED>(-*b, *y, multiply_add::<FUSED>(-*a, *x, *r));
+                *r = multiply_add::<f64, FUSED>(-*b, *y, multiply_add::<f64, FUSED>(-*a, *x, *r));
             }
         }
     }
@@ -201,8 +201,8 @@ impl Task for Gradient<'_> {
             let mut sums = [[0.0; LANES]; 2];
             for ((a, b), r) in a_lanes.iter().zip(b_lanes).zip(r_lanes) {
                 for k in 0..LANES {
-                    sums[0][k] = multiply_add::<FUSED>(a[k], r[k], sums[0][k]);
-                    sums[1][k] = multiply_add::<FUSED>(b[k], r[k], sums[1][k]);
+                    sums[0][k] = multiply_add::<f64, FUSED>(a[k], r[k], sums[0][k]);
+                    sums[1][k] = multiply_add::<f64, FUSED>(b[k], r[k], sums[1][k]);
                 }
             }
             for (c, (sums, rest)) in c.iter_mut().zip([(sums[0], a_rest), (sums[1], b_rest)]) {

@@ -245,19 +245,20 @@ pub fn metadata(pairs: &[(String, String)]) -> Result<Metadata, Failure> {
 
 /// A MERL table's bytes as a table and the metadata of its file.
 pub fn parse(input: &Path, bytes: &[u8], metadata: &Metadata) -> Result<(BrdfTable, Metadata), Failure> {
-    let table = read_merl(bytes).map_err(|e| Failure::in_file(input, &e))?;
-    let metadata = describe(input, bytes, &table, metadata)?;
+    let (table, hash) = rayon::join(|| read_merl(bytes), || hex(&Sha256::digest(bytes)));
+    let table = table.map_err(|e| Failure::in_file(input, &e))?;
+    let metadata = describe(input, hash, &table, metadata)?;
     Ok((table, metadata))
 }
 
 /// The metadata of a table's file: that given, and the input's name and hash. A table without valid entries fails.
-fn describe(input: &Path, bytes: &[u8], table: &BrdfTable, metadata: &Metadata) -> Result<Metadata, Failure> {
+fn describe(input: &Path, sha256: String, table: &BrdfTable, metadata: &Metadata) -> Result<Metadata, Failure> {
     if table.valid_count() == 0 {
         let what = "no entry is valid: all are negative, NaN or infinite; there is nothing to encode";
         return Err(Failure::bad_input(input, what));
     }
     let mut metadata = metadata.clone();
-    metadata.source_sha256.get_or_insert_with(|| hex(&Sha256::digest(bytes)));
+    metadata.source_sha256.get_or_insert(sha256);
     if !is_dash(input) {
         let text = |part: Option<&std::ffi::OsStr>| part.map(|p| p.to_string_lossy().into_owned());
         metadata.source_file = metadata.source_file.or_else(|| text(input.file_name()));
@@ -281,7 +282,7 @@ fn encode(
     target.check(args.force)?;
     let (table, described) = if args.samples.is_some() {
         let table = samples::table(input, bytes, args.grid.as_deref().map(plan::merl), quiet)?;
-        let metadata = describe(input, bytes, &table, metadata)?;
+        let metadata = describe(input, hex(&Sha256::digest(bytes)), &table, metadata)?;
         (table, metadata)
     } else {
         input::expect_merl(input, bytes)?;

@@ -1,63 +1,68 @@
 //! One axis of a block: all its lines, in groups that fill the vectors.
 
 use super::dense::{Dense, Lanes, Place};
+use super::real::Real;
 use super::simd::Task;
 
-/// Lanes of a group: two vectors of AVX2, so that every entry of a matrix that is loaded serves both.
-const WIDE: usize = 8;
-/// Lanes of a group where no more remain.
-const NARROW: usize = 4;
-
-/// Scratch of dense axes.
-#[derive(Default)]
-pub(super) struct Scratch {
-    folded: Vec<Lanes<WIDE>>,
+/// Scratch of dense axes. `WIDE` lanes of a group are two vectors of AVX2, so that every entry of a matrix that is loaded
+/// serves both; `NARROW` are taken where no more remain.
+pub(super) struct Scratch<T, const WIDE: usize, const NARROW: usize> {
+    folded: Vec<Lanes<T, WIDE>>,
     /// The last group of a bundle, of either width.
-    wide: Vec<Lanes<WIDE>>,
-    narrow: Vec<Lanes<NARROW>>,
+    wide: Vec<Lanes<T, WIDE>>,
+    narrow: Vec<Lanes<T, NARROW>>,
     /// Lines brought side by side.
-    gathered: Vec<f64>,
+    gathered: Vec<T>,
 }
 
-impl Scratch {
+impl<T: Real, const WIDE: usize, const NARROW: usize> Scratch<T, WIDE, NARROW> {
+    pub(super) fn new() -> Self {
+        Scratch { folded: Vec::new(), wide: Vec::new(), narrow: Vec::new(), gathered: Vec::new() }
+    }
+
     /// For axes of up to n entries.
     pub(super) fn reserve(&mut self, n: usize) {
         if n > self.folded.len() {
-            self.folded.resize(n, Lanes([0.0; WIDE]));
-            self.wide.resize(n, Lanes([0.0; WIDE]));
-            self.narrow.resize(n, Lanes([0.0; NARROW]));
-            self.gathered.resize(n * WIDE, 0.0);
+            self.folded.resize(n, Lanes([T::zero(); WIDE]));
+            self.wide.resize(n, Lanes([T::zero(); WIDE]));
+            self.narrow.resize(n, Lanes([T::zero(); NARROW]));
+            self.gathered.resize(n * WIDE, T::zero());
         }
     }
 }
 
 /// The transform of a block along one axis, in place.
-pub(super) struct Along<'a> {
-    pub(super) axis: &'a Dense,
+pub(super) struct Along<'a, T, const WIDE: usize, const NARROW: usize> {
+    pub(super) axis: &'a Dense<T>,
     /// Number of values from one entry of the axis to the next.
     pub(super) inner: usize,
-    pub(super) block: &'a mut [f64],
-    pub(super) scratch: &'a mut Scratch,
+    pub(super) block: &'a mut [T],
+    pub(super) scratch: &'a mut Scratch<T, WIDE, NARROW>,
     pub(super) forward: bool,
 }
 
-impl Task for Along<'_> {
+impl<T: Real, const WIDE: usize, const NARROW: usize> Task for Along<'_, T, WIDE, NARROW> {
     #[inline(always)]
     fn run<const FUSED: bool>(self) {
         let Along { axis, inner, block, scratch, forward } = self;
         if forward {
-            along::<FUSED, true>(axis, inner, block, scratch);
+            along::<T, WIDE, NARROW, FUSED, true>(axis, inner, block, scratch);
         } else {
-            along::<FUSED, false>(axis, inner, block, scratch);
+            along::<T, WIDE, NARROW, FUSED, false>(axis, inner, block, scratch);
         }
     }
 }
 
 #[inline(always)]
-fn along<const FUSED: bool, const FORWARD: bool>(axis: &Dense, inner: usize, block: &mut [f64], scratch: &mut Scratch) {
+fn along<T: Real, const WIDE: usize, const NARROW: usize, const FUSED: bool, const FORWARD: bool>(
+    axis: &Dense<T>,
+    inner: usize,
+    block: &mut [T],
+    scratch: &mut Scratch<T, WIDE, NARROW>,
+) {
     let n = axis.len();
     if inner < WIDE {
-        return gathered::<FUSED, FORWARD>(axis, inner, block, scratch);
+        return gathered::<T, WIDE, NARROW, FUSED, FORWARD>(axis, inner, block, scratch);
     }
     for lines in block.chunks_exact_mut(n * inner) {
         // A last group that is not full overlaps the one before: it reads first and writes last.
@@ -65,29 +70,29 @@ fn along<const FUSED: bool, const FORWARD: bool>(axis: &Dense, inner: usize, blo
         let rest = inner - full;
         let at = |at| Place { stride: inner, at };
         if rest > NARROW {
-            begin::<WIDE, FUSED, FORWARD>(axis, lines, at(inner - WIDE), &mut scratch.wide);
+            begin::<T, WIDE, FUSED, FORWARD>(axis, lines, at(inner - WIDE), &mut scratch.wide);
         } else if rest > 0 {
-            begin::<NARROW, FUSED, FORWARD>(axis, lines, at(inner - NARROW), &mut scratch.narrow);
+            begin::<T, NARROW, FUSED, FORWARD>(axis, lines, at(inner - NARROW), &mut scratch.narrow);
         }
         for lane in (0..full).step_by(WIDE) {
-            begin::<WIDE, FUSED, FORWARD>(axis, lines, at(lane), &mut scratch.folded);
-            end::<WIDE, FUSED, FORWARD>(axis, &mut scratch.folded, lines, at(lane));
+            begin::<T, WIDE, FUSED, FORWARD>(axis, lines, at(lane), &mut scratch.folded);
+            end::<T, WIDE, FUSED, FORWARD>(axis, &mut scratch.folded, lines, at(lane));
         }
         if rest > NARROW {
-            end::<WIDE, FUSED, FORWARD>(axis, &mut scratch.wide, lines, at(inner - WIDE));
+            end::<T, WIDE, FUSED, FORWARD>(axis, &mut scratch.wide, lines, at(inner - WIDE));
         } else if rest > 0 {
-            end::<NARROW, FUSED, FORWARD>(axis, &mut scratch.narrow, lines, at(inner - NARROW));
+            end::<T, NARROW, FUSED, FORWARD>(axis, &mut scratch.narrow, lines, at(inner - NARROW));
         }
     }
 }
 
-/// Lines too few side by side, above all those of the last axis: gathered by eight.
+/// Lines too few side by side, above all those of the last axis: gathered in groups.
 #[inline(always)]
-fn gathered<const FUSED: bool, const FORWARD: bool>(
-    axis: &Dense,
+fn gathered<T: Real, const WIDE: usize, const NARROW: usize, const FUSED: bool, const FORWARD: bool>(
+    axis: &Dense<T>,
     inner: usize,
-    block: &mut [f64],
-    scratch: &mut Scratch,
+    block: &mut [T],
+    scratch: &mut Scratch<T, WIDE, NARROW>,
 ) {
     let n = axis.len();
     let lines = block.len() / n;
@@ -98,8 +103,8 @@ fn gathered<const FUSED: bool, const FORWARD: bool>(
         if inner == 1 && used == WIDE && n >= 4 {
             let rows = &mut block[first * n..][..WIDE * n];
             transpose(rows, n, gathered, WIDE, WIDE, n);
-            begin::<WIDE, FUSED, FORWARD>(axis, gathered, place, &mut scratch.folded);
-            end::<WIDE, FUSED, FORWARD>(axis, &mut scratch.folded, gathered, place);
+            begin::<T, WIDE, FUSED, FORWARD>(axis, gathered, place, &mut scratch.folded);
+            end::<T, WIDE, FUSED, FORWARD>(axis, &mut scratch.folded, gathered, place);
             transpose(gathered, WIDE, rows, n, n, WIDE);
             continue;
         }
@@ -112,8 +117,8 @@ fn gathered<const FUSED: bool, const FORWARD: bool>(
                 gathered[i * WIDE + w] = block[start(w) + i * inner];
             }
         }
-        begin::<WIDE, FUSED, FORWARD>(axis, gathered, place, &mut scratch.folded);
-        end::<WIDE, FUSED, FORWARD>(axis, &mut scratch.folded, gathered, place);
+        begin::<T, WIDE, FUSED, FORWARD>(axis, gathered, place, &mut scratch.folded);
+        end::<T, WIDE, FUSED, FORWARD>(axis, &mut scratch.folded, gathered, place);
         for w in 0..used {
             for i in 0..n {
                 block[start(w) + i * inner] = gathered[i * WIDE + w];
@@ -124,7 +129,7 @@ fn gathered<const FUSED: bool, const FORWARD: bool>(
 
 /// `to[column * to_stride + row] = from[row * stride + column]` for at least 4 rows and 4 columns.
 #[inline(always)]
-fn transpose(from: &[f64], stride: usize, to: &mut [f64], to_stride: usize, rows: usize, columns: usize) {
+fn transpose<T: Real>(from: &[T], stride: usize, to: &mut [T], to_stride: usize, rows: usize, columns: usize) {
     for row in tiles(rows) {
         for column in tiles(columns) {
             transpose_tile(&from[row * stride + column..], stride, &mut to[column * to_stride + row..], to_stride);
@@ -140,12 +145,12 @@ fn tiles(n: usize) -> impl Iterator<Item = usize> {
 
 /// 4 x 4 entries: pairs of rows, then halves. Tiles save a quarter of the last axis' time against single entries.
 #[inline(always)]
-fn transpose_tile(from: &[f64], stride: usize, to: &mut [f64], to_stride: usize) {
+fn transpose_tile<T: Real>(from: &[T], stride: usize, to: &mut [T], to_stride: usize) {
     let row = |r: usize| *from[r * stride..].first_chunk::<4>().expect("4 columns");
-    let even = |x: [f64; 4], y: [f64; 4]| [x[0], y[0], x[2], y[2]];
-    let odd = |x: [f64; 4], y: [f64; 4]| [x[1], y[1], x[3], y[3]];
-    let low = |x: [f64; 4], y: [f64; 4]| [x[0], x[1], y[0], y[1]];
-    let high = |x: [f64; 4], y: [f64; 4]| [x[2], x[3], y[2], y[3]];
+    let even = |x: [T; 4], y: [T; 4]| [x[0], y[0], x[2], y[2]];
+    let odd = |x: [T; 4], y: [T; 4]| [x[1], y[1], x[3], y[3]];
+    let low = |x: [T; 4], y: [T; 4]| [x[0], x[1], y[0], y[1]];
+    let high = |x: [T; 4], y: [T; 4]| [x[2], x[3], y[2], y[3]];
     let (a, b, c, d) = (row(0), row(1), row(2), row(3));
     let (even_ab, odd_ab, even_cd, odd_cd) = (even(a, b), odd(a, b), even(c, d), odd(c, d));
     let columns = [low(even_ab, even_cd), low(odd_ab, odd_cd), high(even_ab, even_cd), high(odd_ab, odd_cd)];
@@ -156,11 +161,11 @@ fn transpose_tile(from: &[f64], stride: usize, to: &mut [f64], to_stride: usize)
 
 /// The half of a group's transform that reads the lines.
 #[inline(always)]
-fn begin<const W: usize, const FUSED: bool, const FORWARD: bool>(
-    axis: &Dense,
-    lines: &[f64],
+fn begin<T: Real, const W: usize, const FUSED: bool, const FORWARD: bool>(
+    axis: &Dense<T>,
+    lines: &[T],
     place: Place,
-    folded: &mut [Lanes<W>],
+    folded: &mut [Lanes<T, W>],
 ) {
     if FORWARD {
         axis.fold(lines, place, folded);
@@ -171,10 +176,10 @@ fn begin<const W: usize, const FUSED: bool, const FORWARD: bool>(
 
 /// The half of a group's transform that writes the lines.
 #[inline(always)]
-fn end<const W: usize, const FUSED: bool, const FORWARD: bool>(
-    axis: &Dense,
-    folded: &mut [Lanes<W>],
-    lines: &mut [f64],
+fn end<T: Real, const W: usize, const FUSED: bool, const FORWARD: bool>(
+    axis: &Dense<T>,
+    folded: &mut [Lanes<T, W>],
+    lines: &mut [T],
     place: Place,
 ) {
     if FORWARD {

@@ -9,6 +9,7 @@
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
+use super::real::Real;
 use super::simd::Task;
 use crate::fourier::partners;
 
@@ -44,23 +45,23 @@ impl Conjugates {
 }
 
 /// All steps over a block.
-pub(super) struct Combine<'a> {
+pub(super) struct Combine<'a, T> {
     pub(super) conjugates: &'a Conjugates,
-    pub(super) block: &'a mut [f64],
+    pub(super) block: &'a mut [T],
     pub(super) forward: bool,
 }
 
-impl Task for Combine<'_> {
+impl<T: Real> Task for Combine<'_, T> {
     #[inline(always)]
     fn run<const FUSED: bool>(self) {
         // Loops rather than closures: those would be compiled for the baseline.
         if self.forward {
             for step in &self.conjugates.steps {
-                step.apply::<true>(self.block);
+                step.apply::<T, true>(self.block);
             }
         } else {
             for step in self.conjugates.steps.iter().rev() {
-                step.apply::<false>(self.block);
+                step.apply::<T, false>(self.block);
             }
         }
     }
@@ -68,7 +69,7 @@ impl Task for Combine<'_> {
 
 impl Step {
     #[inline(always)]
-    fn apply<const FORWARD: bool>(&self, block: &mut [f64]) {
+    fn apply<T: Real, const FORWARD: bool>(&self, block: &mut [T]) {
         let (inner, length) = (self.inner, self.n * self.inner);
         for &[re, im] in &self.pairs {
             let (before, after) = block.split_at_mut(im as usize * length);
@@ -76,13 +77,13 @@ impl Step {
             let re = &mut before[re as usize * length..][inner..length];
             let im = &mut after[inner..length];
             if inner == 1 {
-                interleaved::<FORWARD>(re, im);
+                interleaved::<T, FORWARD>(re, im);
                 continue;
             }
             for (re, im) in re.chunks_exact_mut(2 * inner).zip(im.chunks_exact_mut(2 * inner)) {
                 let (rc, rs) = re.split_at_mut(inner);
                 let (ic, is) = im.split_at_mut(inner);
-                side_by_side::<FORWARD>(rc, rs, ic, is);
+                side_by_side::<T, FORWARD>(rc, rs, ic, is);
             }
         }
     }
@@ -90,47 +91,48 @@ impl Step {
 
 /// Combines C and S that are neighbours.
 #[inline(always)]
-fn interleaved<const FORWARD: bool>(re: &mut [f64], im: &mut [f64]) {
+fn interleaved<T: Real, const FORWARD: bool>(re: &mut [T], im: &mut [T]) {
     let ((re, re_rest), (im, im_rest)) = (re.as_chunks_mut::<4>(), im.as_chunks_mut::<4>());
     for (re, im) in re.iter_mut().zip(im) {
         let (r, i) = (*re, *im);
         // The same sums as those of `combine`, in the order of vectors.
-        let sums =
-            |a: [f64; 4], b: [f64; 4]| [a[0] - b[0], a[1] + b[1], a[2] - b[2], a[3] + b[3]].map(|v| v * FRAC_1_SQRT_2);
-        let (c, s) = (|v: [f64; 4]| [v[0], v[0], v[2], v[2]], |v: [f64; 4]| [v[1], v[1], v[3], v[3]]);
+        let sums = |a: [T; 4], b: [T; 4]| {
+            [a[0] - b[0], a[1] + b[1], a[2] - b[2], a[3] + b[3]].map(|v| v * T::of(FRAC_1_SQRT_2))
+        };
+        let (c, s) = (|v: [T; 4]| [v[0], v[0], v[2], v[2]], |v: [T; 4]| [v[1], v[1], v[3], v[3]]);
         if FORWARD {
             *re = sums(c(r), s(i));
             *im = sums(c(i), s(r));
         } else {
-            *re = [r[0] + r[1], i[1] - i[0], r[2] + r[3], i[3] - i[2]].map(|v| v * FRAC_1_SQRT_2);
-            *im = [i[0] + i[1], r[1] - r[0], i[2] + i[3], r[3] - r[2]].map(|v| v * FRAC_1_SQRT_2);
+            *re = [r[0] + r[1], i[1] - i[0], r[2] + r[3], i[3] - i[2]].map(|v| v * T::of(FRAC_1_SQRT_2));
+            *im = [i[0] + i[1], r[1] - r[0], i[2] + i[3], r[3] - r[2]].map(|v| v * T::of(FRAC_1_SQRT_2));
         }
     }
     for (re, im) in re_rest.chunks_exact_mut(2).zip(im_rest.chunks_exact_mut(2)) {
-        [re[0], re[1], im[0], im[1]] = combine::<FORWARD>([re[0], re[1], im[0], im[1]]);
+        [re[0], re[1], im[0], im[1]] = combine::<T, FORWARD>([re[0], re[1], im[0], im[1]]);
     }
 }
 
 /// Combines lines of C and S.
 #[inline(always)]
-fn side_by_side<const FORWARD: bool>(rc: &mut [f64], rs: &mut [f64], ic: &mut [f64], is: &mut [f64]) {
+fn side_by_side<T: Real, const FORWARD: bool>(rc: &mut [T], rs: &mut [T], ic: &mut [T], is: &mut [T]) {
     let ((rc, rc_rest), (rs, rs_rest)) = (rc.as_chunks_mut::<4>(), rs.as_chunks_mut::<4>());
     let ((ic, ic_rest), (is, is_rest)) = (ic.as_chunks_mut::<4>(), is.as_chunks_mut::<4>());
     for (((rc, rs), ic), is) in rc.iter_mut().zip(rs).zip(ic).zip(is) {
         let (mut a, mut b, mut c, mut d) = (*rc, *rs, *ic, *is);
         for w in 0..4 {
-            [a[w], b[w], c[w], d[w]] = combine::<FORWARD>([a[w], b[w], c[w], d[w]]);
+            [a[w], b[w], c[w], d[w]] = combine::<T, FORWARD>([a[w], b[w], c[w], d[w]]);
         }
         (*rc, *rs, *ic, *is) = (a, b, c, d);
     }
     for (((a, b), c), d) in rc_rest.iter_mut().zip(rs_rest).zip(ic_rest).zip(is_rest) {
-        [*a, *b, *c, *d] = combine::<FORWARD>([*a, *b, *c, *d]);
+        [*a, *b, *c, *d] = combine::<T, FORWARD>([*a, *b, *c, *d]);
     }
 }
 
 /// From RC, RS, IC, IS to the coefficients in their places, or by the transpose back.
 #[inline(always)]
-fn combine<const FORWARD: bool>([a, b, c, d]: [f64; 4]) -> [f64; 4] {
+fn combine<T: Real, const FORWARD: bool>([a, b, c, d]: [T; 4]) -> [T; 4] {
     let combined = if FORWARD { [a - d, a + d, c - b, c + b] } else { [a + b, d - c, c + d, b - a] };
-    combined.map(|v| v * FRAC_1_SQRT_2)
+    combined.map(|v| v * T::of(FRAC_1_SQRT_2))
 }

@@ -7,6 +7,7 @@
 use std::f64::consts::PI;
 use std::ops::Range;
 
+use super::real::Real;
 use super::simd::multiply_add;
 use crate::fourier::Basis;
 
@@ -14,7 +15,7 @@ use crate::fourier::Basis;
 const ROWS: usize = 6;
 
 /// An axis of length n.
-pub(super) struct Dense {
+pub(super) struct Dense<T> {
     n: usize,
     /// Folds of the positions: sum to the first, difference to the second.
     first: Vec<[usize; 2]>,
@@ -22,21 +23,21 @@ pub(super) struct Dense {
     alone: Vec<usize>,
     /// Folds of what the first ones gave, in order.
     more: Vec<[usize; 2]>,
-    parts: Vec<Part>,
+    parts: Vec<Part<T>>,
 }
 
 /// Coefficients that depend on a range of the folded line.
-struct Part {
+struct Part<T> {
     coefficients: Vec<usize>,
     folded: Range<usize>,
-    analysis: Matrix,
-    synthesis: Matrix,
+    analysis: Matrix<T>,
+    synthesis: Matrix<T>,
 }
 
 /// A square matrix by groups of up to [`ROWS`] rows: `[group][column][row of the group]`.
-struct Matrix {
+struct Matrix<T> {
     groups: Vec<usize>,
-    entries: Vec<f64>,
+    entries: Vec<T>,
 }
 
 /// Lines side by side: entry `i` of lane `w` is at `i * stride + at + w`.
@@ -49,22 +50,22 @@ pub(super) struct Place {
 /// Entries of a line, side by side; aligned to the lines of the cache.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
-pub(super) struct Lanes<const W: usize>(pub(super) [f64; W]);
+pub(super) struct Lanes<T, const W: usize>(pub(super) [T; W]);
 
 impl Place {
     #[inline(always)]
-    fn get<const W: usize>(self, lines: &[f64], i: usize) -> &[f64; W] {
+    fn get<T, const W: usize>(self, lines: &[T], i: usize) -> &[T; W] {
         lines[i * self.stride + self.at..].first_chunk().expect("W lanes")
     }
 
     #[inline(always)]
-    fn set<const W: usize>(self, lines: &mut [f64], i: usize, value: [f64; W]) {
+    fn set<T: Copy, const W: usize>(self, lines: &mut [T], i: usize, value: [T; W]) {
         *lines[i * self.stride + self.at..].first_chunk_mut().expect("W lanes") = value;
     }
 }
 
-impl Dense {
-    pub(super) fn new(basis: Basis, n: usize) -> Dense {
+impl<T: Real> Dense<T> {
+    pub(super) fn new(basis: Basis, n: usize) -> Dense<T> {
         // The basis value that a folded entry is multiplied by: that of the position whose sign was kept.
         let mut position: Vec<usize> = (0..n).collect();
         let (mut first, mut more, mut parts) = (Vec::new(), Vec::new(), Vec::new());
@@ -117,7 +118,7 @@ impl Dense {
 
     /// First half of an analysis: folds lines.
     #[inline(always)]
-    pub(super) fn fold<const W: usize>(&self, lines: &[f64], place: Place, folded: &mut [Lanes<W>]) {
+    pub(super) fn fold<const W: usize>(&self, lines: &[T], place: Place, folded: &mut [Lanes<T, W>]) {
         let folded = &mut folded[..self.n];
         for &i in &self.alone {
             folded[i].0 = *place.get(lines, i);
@@ -135,8 +136,8 @@ impl Dense {
     #[inline(always)]
     pub(super) fn coefficients<const W: usize, const FUSED: bool>(
         &self,
-        folded: &[Lanes<W>],
-        lines: &mut [f64],
+        folded: &[Lanes<T, W>],
+        lines: &mut [T],
         place: Place,
     ) {
         for part in &self.parts {
@@ -154,9 +155,9 @@ impl Dense {
     #[inline(always)]
     pub(super) fn folded<const W: usize, const FUSED: bool>(
         &self,
-        lines: &[f64],
+        lines: &[T],
         place: Place,
-        folded: &mut [Lanes<W>],
+        folded: &mut [Lanes<T, W>],
     ) {
         for part in &self.parts {
             let mut folded = folded[part.folded.clone()].iter_mut();
@@ -171,7 +172,7 @@ impl Dense {
 
     /// Second half of a synthesis: a fold is its own adjoint.
     #[inline(always)]
-    pub(super) fn unfold<const W: usize>(&self, folded: &mut [Lanes<W>], lines: &mut [f64], place: Place) {
+    pub(super) fn unfold<const W: usize>(&self, folded: &mut [Lanes<T, W>], lines: &mut [T], place: Place) {
         let folded = &mut folded[..self.n];
         for &[i, j] in self.more.iter().rev() {
             (folded[i].0, folded[j].0) = sum_and_difference(&folded[i].0, &folded[j].0);
@@ -188,8 +189,8 @@ impl Dense {
 }
 
 #[inline(always)]
-fn sum_and_difference<const W: usize>(a: &[f64; W], b: &[f64; W]) -> ([f64; W], [f64; W]) {
-    let (mut sum, mut difference) = ([0.0; W], [0.0; W]);
+fn sum_and_difference<T: Real, const W: usize>(a: &[T; W], b: &[T; W]) -> ([T; W], [T; W]) {
+    let (mut sum, mut difference) = ([T::zero(); W], [T::zero(); W]);
     for w in 0..W {
         sum[w] = a[w] + b[w];
         difference[w] = a[w] - b[w];
@@ -197,15 +198,15 @@ fn sum_and_difference<const W: usize>(a: &[f64; W], b: &[f64; W]) -> ([f64; W], 
     (sum, difference)
 }
 
-impl Matrix {
-    fn new(m: usize, entry: impl Fn(usize, usize) -> f64) -> Matrix {
+impl<T: Real> Matrix<T> {
+    fn new(m: usize, entry: impl Fn(usize, usize) -> f64) -> Matrix<T> {
         // Groups of nearly equal size: one of a single row would wait for its own sums.
         let count = m.div_ceil(ROWS);
         let groups: Vec<Range<usize>> = (0..count).map(|g| g * m / count..(g + 1) * m / count).collect();
         let entry = &entry;
         let entries = groups
             .iter()
-            .flat_map(|rows| (0..m).flat_map(move |column| rows.clone().map(move |row| entry(row, column))))
+            .flat_map(|rows| (0..m).flat_map(move |column| rows.clone().map(move |row| T::of(entry(row, column)))))
             .collect();
         let groups = groups.iter().map(|g| g.len()).collect();
         Matrix { groups, entries }
@@ -215,36 +216,36 @@ impl Matrix {
     #[inline(always)]
     fn product<'a, const W: usize, const FUSED: bool>(
         &self,
-        values: impl ExactSizeIterator<Item = &'a [f64; W]> + Clone,
-        mut store: impl FnMut([f64; W]),
+        values: impl ExactSizeIterator<Item = &'a [T; W]> + Clone,
+        mut store: impl FnMut([T; W]),
     ) {
         let mut rest = &self.entries[..];
         for &rows in &self.groups {
             let entries;
             (entries, rest) = rest.split_at(rows * values.len());
             match rows {
-                1 => group::<1, W, FUSED>(entries, values.clone(), &mut store),
-                2 => group::<2, W, FUSED>(entries, values.clone(), &mut store),
-                3 => group::<3, W, FUSED>(entries, values.clone(), &mut store),
-                4 => group::<4, W, FUSED>(entries, values.clone(), &mut store),
-                5 => group::<5, W, FUSED>(entries, values.clone(), &mut store),
-                _ => group::<6, W, FUSED>(entries, values.clone(), &mut store),
+                1 => group::<T, 1, W, FUSED>(entries, values.clone(), &mut store),
+                2 => group::<T, 2, W, FUSED>(entries, values.clone(), &mut store),
+                3 => group::<T, 3, W, FUSED>(entries, values.clone(), &mut store),
+                4 => group::<T, 4, W, FUSED>(entries, values.clone(), &mut store),
+                5 => group::<T, 5, W, FUSED>(entries, values.clone(), &mut store),
+                _ => group::<T, 6, W, FUSED>(entries, values.clone(), &mut store),
             }
         }
     }
 }
 
 #[inline(always)]
-fn group<'a, const R: usize, const W: usize, const FUSED: bool>(
-    entries: &[f64],
-    values: impl Iterator<Item = &'a [f64; W]>,
-    store: &mut impl FnMut([f64; W]),
+fn group<'a, T: Real, const R: usize, const W: usize, const FUSED: bool>(
+    entries: &[T],
+    values: impl Iterator<Item = &'a [T; W]>,
+    store: &mut impl FnMut([T; W]),
 ) {
-    let mut sums = [[0.0; W]; R];
+    let mut sums = [[T::zero(); W]; R];
     for (entries, values) in entries.as_chunks::<R>().0.iter().zip(values) {
         for r in 0..R {
             for w in 0..W {
-                sums[r][w] = multiply_add::<FUSED>(entries[r], values[w], sums[r][w]);
+                sums[r][w] = multiply_add::<T, FUSED>(entries[r], values[w], sums[r][w]);
             }
         }
     }

@@ -4,6 +4,8 @@
 //! target. x86-64's has two lanes and no fused multiply-add. AVX-512 gained at most 10 % over AVX2 on Zen 4 and needs
 //! Rust 1.89. NEON is aarch64's baseline. Results differ by rounding between levels, never between threads or runs.
 
+use super::real::Real;
+
 /// What can run at any level. `FUSED`: multiply-adds are one instruction, with one rounding.
 pub(crate) trait Task {
     /// Must be `#[inline(always)]` with all it calls, or it is compiled for the baseline.
@@ -59,6 +61,6 @@ fn avx2(task: impl Task) {
 
 /// `a * b + sum`
 #[inline(always)]
-pub(crate) fn multiply_add<const FUSED: bool>(a: f64, b: f64, sum: f64) -> f64 {
-    if FUSED { a.mul_add(b, sum) } else { a * b + sum }
+pub(crate) fn multiply_add<T: Real, const FUSED: bool>(a: T, b: T, sum: T) -> T {
+    if FUSED { a.fused(b, sum) } else { a * b + sum }
 }
