@@ -145,7 +145,9 @@ fn in_form(bits: u64, per_sr: bool, scale: f64) -> u64 {
 }
 
 fn from_form(bits: u64, per_sr: bool, scale: f64) -> u64 {
-    if per_sr { (f64::from_bits(bits) / scale).to_bits() } else { bits }
+    let x = f64::from_bits(bits);
+    // What machines make of the quotient of a NaN differs.
+    if per_sr && !x.is_nan() { (x / scale).to_bits() } else { bits }
 }
 
 /// What a channel is predicted with, in the units of a form.

@@ -5,6 +5,9 @@
     csbrdf_decode.py --check HASHES [FILE...]  compare these with a list; exit 1 on a difference
     csbrdf_decode.py -o OUT.npy FILE           write the binary32 values [channel][axes...]
     csbrdf_decode.py --block N FILE            decode one block and print its values
+    csbrdf_decode.py --exact [...] FILE        the values of a lossless file's source, bit for bit, those that are not
+                                               valid included: with -o OUT.npy or OUT.binary (MERL's form) or --block N
+                                               these instead of the decoded ones, else their CRC-32 as well
 
 Needs NumPy. Every operation on arrays is elementwise, in the precision of the array, so the order and the roundings are
 those of the specification. Numbers in docstrings are its sections. META (3.7) is not decoded, only its CRC is checked.
@@ -26,6 +29,7 @@ AXES = ["other", "theta_h", "phi_h", "theta_d", "phi_d", "theta_i", "phi_i", "th
 ALL, NONE, HORIZON, MASK, MASK_PER_CHANNEL = range(5)  # classes of validity, 3.8
 ANY, EXTENT, ROW, SIGNIFICANT, EXPONENT, MANTISSA, MASKS, ZEROS = 0, 3, 195, 276, 708, 1308, 1333, 1397  # 4.6
 C_ANY, C_ROW, C_PRESENT, C_EXPONENT, C_MANTISSA, C_SIGN, CONTEXTS = 1437, 1440, 1449, 1549, 1599, 1624, 1633  # 4.11
+X_MISSING, X_SIGN, X_TOP, X_LENGTH, X_MISSING_LENGTH, X_CONTEXTS = 0, 3, 9, 521, 4617, 4745  # 4.12
 LEVEL = [0, 1, 2, 3, 4, 5, 6, 7, 7] + [8] * 3 + [9] * 5 + [10] * 12  # 4.6, above: 11
 
 
@@ -136,7 +140,7 @@ class File:
         self.data = data
         self.container()
         self.doublings = {}
-        self.tables = None
+        self.tables = self.parts = None
         for read in (self.grid, self.code, self.part, self.prob, self.graz, self.indx):
             name = read.__name__.upper()
             if name != "GRAZ" or b"GRAZ" in self.sections:
@@ -168,6 +172,7 @@ class File:
             flags = t.get("I", "flags", 0, 1)
             t.check(name != b"GRAZ" or not self.before_3, f"section GRAZ in draft {self.draft}")
             known = name in (b"GRID", b"CODE", b"PART", b"PROB", b"GRAZ", b"INDX", b"META", b"RECS")
+            known |= name == b"EXCT" and not self.before_3
             t.check(known or flags & 1, f"unknown section {name} is not skippable")
             length = t.get("Q", "length of a section", 0, len(self.data) - begin)
             self.sections[name] = (begin, length, t.get("I", "CRC"))
@@ -319,6 +324,20 @@ class File:
         c.check(sum(lengths) == length, "the lengths of the records do not add up to that of RECS")
         self.records = list(zip(itertools.accumulate(lengths, initial=begin), lengths))
         c.check(all(abs(q) <= 1 << 24 for means in self.means for q in means), "a mean of more than 2^24")
+
+    def exct(self):
+        """3.10 EXCT: self.usual, bits by channel, and self.parts, (begin, length) by block. Only when asked for."""
+        if b"EXCT" not in self.sections or self.before_3:
+            raise Refused("section table: there is no section EXCT, the file is not lossless")
+        begin, length, _ = self.sections[b"EXCT"]
+        c = Cursor("EXCT", self.data[begin:begin + length])
+        c.get("I", "number of blocks", len(self.blocks), len(self.blocks))
+        self.usual = [c.get("Q", "usual bits") for _ in self.step]
+        lengths = [c.get("I", "length of a part", 4) for _ in self.blocks]
+        checked = c.data[:c.pos]
+        c.check(c.get("I", "CRC") == zlib.crc32(checked), "CRC of the lengths is wrong")
+        c.check(sum(lengths) == len(c.data) - c.pos, "the lengths of the parts do not add up")
+        self.parts = list(zip(itertools.accumulate(lengths, initial=begin + c.pos), lengths))
 
     def plain_entries(self, c):
         """3.6 before draft 3: lengths and means of all blocks."""
@@ -524,6 +543,28 @@ class File:
                 scaled[here] = np.minimum(wide / scale, sys.float_info.max)
         shape = (self.channels,) + self.shape[4 - self.naxes:]
         return values.reshape(shape), scaled.reshape(shape), valid.reshape(shape)
+
+    def exact_values(self, number):
+        """4.12: one block of a lossless file: (bits of the source's binary64 values, validity), [channel][axes]."""
+        if self.parts is None:
+            self.exct()
+        begin, length = self.parts[number]
+        data = self.data[begin:begin + length]
+        c = Cursor(f"EXCT, block {number}", data)
+        coded = c.bytes(length - 4)
+        c.check(zlib.crc32(struct.pack("<I", number) + coded) == c.get("I", "CRC"), "CRC is wrong")
+        coder = RangeDecoder(coded, [32768] * X_CONTEXTS)
+        _, values, valid = self.values(number)
+        bits = exact_bits(coder, values, valid, self.usual, self.scale, self.eps, c)
+        c.check(coder.pos >= len(coded), "not all coded bytes are used")
+        return bits, valid
+
+    def exact_table(self):
+        """4.12: the source's values of the whole table, binary64 [channel][axes...]."""
+        bits = np.empty((self.channels,) + self.shape, np.uint64)
+        for number, (first, shape) in enumerate(self.blocks):
+            bits[(slice(None),) + tuple(slice(f, f + n) for f, n in zip(first, shape))] = self.exact_values(number)[0]
+        return bits.reshape((self.channels,) + self.shape[4 - self.naxes:]).view(F64)
 
 
 def cosines(p, n, w):
@@ -810,32 +851,136 @@ def exact_zeros(coder, valid):
     return zero
 
 
+def tree(coder, first, count):
+    """4.12: a node, from 1, and below it bits high first, each under the context of the node above."""
+    node = 1
+    for _ in range(count):
+        node = 2 * node + coder.bit(first + node)
+    return node
+
+
+def ordered(bits, w):
+    """4.12: the map of w bits."""
+    high = 1 << (w - 1)
+    return bits ^ high if bits < high else bits ^ (2 * high - 1)
+
+
+def near(coder, other, w, contexts, kind, cursor):
+    """4.12: (number, length) of a number of w bits that is coded near another; contexts: those of the length."""
+    length = tree(coder, contexts, 6) - 64
+    cursor.check(length < w, f"{length} bits of a difference of {w} bits")
+    d = min(length, 1)
+    if length >= 2:
+        top = min(3, length - 1)
+        rest = length - 1 - top
+        d = tree(coder, X_TOP + length * 8, top) << rest | coder.raw(rest)
+    if coder.bit(X_SIGN + kind * 3 + min(2, length)):
+        d = -1 - d
+    mapped, high = (ordered(other, w) + d) % (1 << w), 1 << (w - 1)
+    return mapped ^ high if mapped >= high else mapped ^ (2 * high - 1), length
+
+
+def exact_bits(coder, values, valid, usual, scale, eps, cursor):
+    """4.12: the bits of the source's values in a block, [channel][axes]; values binary64 in 1/sr."""
+    as_bits, as_number = struct.Struct("<Q"), struct.Struct("<d")
+    result = np.empty(values.shape, np.uint64)
+    elder_errors, sister_errors, sister_lengths = {}, {}, {}  # of valid entries, by place
+    for channel, (f, mask, s) in enumerate(zip(values, valid, scale)):
+        now = result[channel]
+        now[:] = usual[channel]
+        missing = np.argwhere(mask == 0).tolist()  # 1
+        if missing and not coder.bit(X_MISSING + min(channel, 2)):
+            length = 0
+            for place in missing:
+                contexts = X_MISSING_LENGTH + 64 * (length > 0)
+                now[tuple(place)], length = near(coder, usual[channel], 64, contexts, 1, cursor)
+        errors, lengths = {}, {}
+        if mask.any():
+            per_sr, zeros, weighted = coder.raw(1), coder.raw(6), coder.raw(1)  # 2
+            cursor.check(zeros <= 52, f"channel {channel}: {zeros} zeros")
+            weights = [(coder.raw(8) ^ 128) - 128 if weighted else 0 for _ in range(8)]
+            weighted = any(weights)
+            weights = [weight / 64 for weight in weights]
+            with np.errstate(over="ignore"):
+                scaled = f if per_sr else np.minimum(f / F64(s), sys.float_info.max)
+            e = eps if per_sr else min(eps / s, sys.float_info.max)
+            last = 0  # the length coded last
+            for i, j, k, l in np.argwhere(mask).tolist():
+                p = predicted = float(scaled[i, j, k, l])
+                if weighted and p > 0:  # 3
+                    total = 0.0
+                    around = [errors.get(place, 0.0) for place in (
+                        (i, j, k, l - 1), (i, j, k - 1, l), (i, j - 1, k, l),
+                        (i, j, k, l - 2), (i, j, k - 1, l - 1), (i, j, k - 1, l + 1))]
+                    around += [before.get((i, j, k, l), 0.0) for before in (sister_errors, elder_errors)]
+                    for q, weight in zip(around, weights):
+                        total += q * weight
+                    changed = p + (p + e) * total
+                    if 0 < changed < math.inf:
+                        predicted = changed
+                level = (3 + lengths.get((i, j, k, l - 1), last) + lengths.get((i, j, k - 1, l), last)  # 4
+                         + lengths.get((i, j - 1, k, l), last) + sister_lengths.get((i, j, k, l), last)) // 4
+                other = as_bits.unpack(as_number.pack(predicted))[0] + (1 << zeros) // 2 >> zeros
+                upper, last = near(coder, other, 64 - zeros, X_LENGTH + 64 * level, 0, cursor)
+                lengths[i, j, k, l] = last
+                now[i, j, k, l] = bits = upper << zeros
+                x = as_number.unpack(as_bits.pack(bits))[0]
+                error = (x - p) / (p + e) if p + e else math.nan
+                errors[i, j, k, l] = error if abs(error) <= 1 else 0.0
+            if per_sr:
+                with np.errstate(all="ignore"):
+                    x = now.view(F64)
+                    now[:] = np.where((mask != 0) & ~np.isnan(x), (x / F64(s)).view(np.uint64), now)
+        elder_errors, sister_errors, sister_lengths = sister_errors, errors, lengths
+    return result
+
+
 # ---------------------------------------------------------------------------------------------------------- command
 
-def sums(file):
-    """The three CRC-32s of a file, in hexadecimal."""
+def sums(file, exact):
+    """The three CRC-32s of a file, in hexadecimal, and that of the exact values if asked for."""
     for name in {b"META", b"RECS"} & set(file.sections):  # 3.1: the others have been checked
         file.section(name.decode())
-    return [f"{zlib.crc32(a.astype(t).tobytes()):08x}" for a, t in zip(file.table(), ("<f4", "<f8", "u1"))]
+    found = [f"{zlib.crc32(a.astype(t).tobytes()):08x}" for a, t in zip(file.table(), ("<f4", "<f8", "u1"))]
+    if exact:
+        found.append(f"{zlib.crc32(file.exact_table().view('u8').astype('<u8').tobytes()):08x}")
+        file.section("EXCT")
+    return found
 
 
-def print_block(file, number):
+def write_exact(file, path):
+    """The source's values: MERL's form, three i32 and binary64 values [channel][axes], or NumPy's."""
+    if not path.endswith(".binary"):
+        np.save(path, file.exact_table())
+        return
+    names = [axis[0] for axis in file.axes]
+    if names[1:] != ["theta_h", "theta_d", "phi_d"] or file.shape != (1, 90, 90, 180) or file.channels != 3:
+        raise Refused("the table is not a MERL table; only these have the form .binary")
+    bits = file.exact_table().view("u8").astype("<u8")
+    with open(path, "wb") as f:
+        f.write(struct.pack("<3i", *file.shape[1:]) + bits.tobytes())
+
+
+def print_block(file, number, exact):
     """Positions [channel, axes...] and values of a block."""
     if not 0 <= number < len(file.blocks):
         raise Refused(f"there is no block {number}, only {len(file.blocks)}")
-    values, _, valid = file.values(number)
+    values, valid = file.exact_values(number) if exact else file.values(number)[::2]
     print("block {}: first position {}, shape {}".format(number, *file.blocks[number]))
     for place in np.ndindex(*values.shape):
-        print(*place, f"{values[place]:.9g}", "valid" if valid[place] else "not valid")
+        shown = f"{values[place]:016x} {values[place].view(F64)!s}" if exact else f"{values[place]:.9g}"
+        print(*place, shown, "valid" if valid[place] else "not valid")
 
 
 def main():
     parser = argparse.ArgumentParser(description="Decode .csbrdf files.")
     parser.add_argument("files", nargs="*", metavar="FILE")
     parser.add_argument("--check", metavar="HASHES", help="compare the CRC-32s with this list")
-    parser.add_argument("-o", metavar="OUT.npy", help="write the binary32 values of one file")
+    parser.add_argument("-o", metavar="OUT", help="write the binary32 values of one file (.npy)")
     parser.add_argument("--block", type=int, metavar="N", help="decode one block of one file, print its values")
     parser.add_argument("--samples", action="store_true", help="print the samples of each block, by channel")
+    parser.add_argument("--exact", action="store_true", help="the source's bits, from a lossless file: with -o "
+                        "(binary64 .npy, or .binary: MERL's form) or --block these, else their CRC-32 as well")
     args = parser.parse_args()
     listed = {}
     if args.check:
@@ -851,14 +996,16 @@ def main():
         try:
             with open(path, "rb") as f:
                 file = File(f.read())
-            if args.o is not None:
+            if args.o is not None and args.exact:
+                write_exact(file, args.o)
+            elif args.o is not None:
                 np.save(args.o, file.table()[0])
             if args.block is not None:
-                print_block(file, args.block)
+                print_block(file, args.block, args.exact)
             if args.samples:
                 print(name, [file.samples(number) for number in range(len(file.blocks))])
             if args.check or not single and not args.samples:
-                found = sums(file)
+                found = sums(file, args.exact or len(listed.get(name, ())) > 3)
                 same = not args.check or listed.get(name) == found
                 bad |= not same
                 print(name, *found, *(["ok" if same else "DIFFERS"] if args.check else []))
