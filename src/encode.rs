@@ -393,6 +393,7 @@ impl Encoder {
         let steep = fitted.then(|| plain.with_profile(grid, transform, self)).flatten();
         let plain = plain.filled(&guesses);
         let Some(steep) = steep.map(|steep| steep.filled(&guesses)) else { return Ok(Some(plain)) };
+        drop(guesses);
         let pays = self.profile_pays(&plain, &steep, transform, grid)?;
         Ok(Some(if pays { steep } else { plain }))
     }

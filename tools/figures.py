@@ -8,6 +8,7 @@ table. Peak memory is the resident set of the whole process, program and map inc
 """
 import argparse
 import json
+import math
 import os
 import shlex
 import subprocess
@@ -35,12 +36,14 @@ def run(*args):
 
 
 def block_peak(path):
-    """Peak resident set of a block decode in MB.
+    """Peak resident set of the decode of a largest block in MB.
 
     What wait4 reports of a short process includes this one, of which it was forked. So the decode is read from while
     it waits on a full pipe, its work done.
     """
-    process = subprocess.Popen([TOOL, 'decode', path, '--block', '7', '--format', 'csv'], stdout=subprocess.PIPE)
+    blocks = json.loads(run('info', '--json', '--blocks', path)[0])['blocks']
+    number = max(blocks, key=lambda block: math.prod(block['shape']))['number']
+    process = subprocess.Popen([TOOL, 'decode', path, '--block', str(number), '--format', 'csv'], stdout=subprocess.PIPE)
     time.sleep(0.3)
     with open(f'/proc/{process.pid}/status') as status:
         peak = next((int(line.split()[1]) for line in status if line.startswith('VmHWM')), 0)

@@ -45,7 +45,8 @@ impl Effort {
     }
 
     /// How the grazing profile is fitted. kB with strides of 2 and of 1, 80 conjugate gradient steps in all: chrome-steel 32.7, 29.1,
-    /// noisy green-fabric 42.0, 37.1. With 40 steps: 37.6, 48.6; with as many, all but 10 on a quarter of the bins: 33.3, 42.7.
+    /// noisy green-fabric 42.0, 37.1. With 39 steps: 37.6, 48.6; in less time, 40 on a quarter
+    /// of the bins and then 10 on all: 33.3, 42.7.
     pub(super) fn profile_stages(self) -> &'static [ProfileStage] {
         const fn stage(stride: usize, rounds: usize, steps: usize) -> ProfileStage {
             ProfileStage { stride, rounds, steps }

@@ -1,8 +1,8 @@
 //! Coefficients of a block with holes: what fills them is free, so it is chosen to be sparse (encoder only).
 //!
-//! Minimises the sum over coefficients of a weight times ln(1 + |c| / step), about their bits, with what is known
+//! Minimises the sum over coefficients but the means of a weight times ln(1 + |c| / step), about their bits, with what is known
 //! kept: accelerated proximal gradient steps (Beck and Teboulle 2009) with reweighted thresholds (Candes, Wakin, Boyd
-//! 2008) that fall from the largest coefficient to a third of the step. All channels at once, so that a channel that
+//! 2008) that fall from a quarter of the largest coefficient to a third of the step. All channels at once, so that a channel that
 //! is known where another is not tells of it through the channel transform.
 //!
 //! Measured against weighted l1 by SPGL1, 200 iterations, a channel at a time (9 x 9 x 36, step 0.1, kB / log rms):

@@ -49,7 +49,7 @@ impl Guesses {
 
 /// Holes of a plane in the order of the fronts that start from what is known.
 struct Fronts {
-    order: Vec<u32>,
+    order: Vec<usize>,
     /// Number of the front that reaches an entry; 0 where it is known.
     number: Vec<u32>,
 }
@@ -57,22 +57,22 @@ struct Fronts {
 impl Fronts {
     fn new(shape: [usize; 4], known: &[bool]) -> Fronts {
         let mut number: Vec<u32> = known.iter().map(|&k| if k { 0 } else { u32::MAX }).collect();
-        let mut order: Vec<u32> = Vec::new();
+        let mut order: Vec<usize> = Vec::new();
         for i in (0..known.len()).filter(|&i| !known[i]) {
             let mut beside = false;
             neighbours(shape, i, |j| beside |= known[j]);
             if beside {
                 number[i] = 1;
-                order.push(i as u32);
+                order.push(i);
             }
         }
         let mut at = 0;
         while let Some(&i) = order.get(at) {
-            let next = number[i as usize] + 1;
-            neighbours(shape, i as usize, |j| {
+            let next = number[i] + 1;
+            neighbours(shape, i, |j| {
                 if number[j] == u32::MAX {
                     number[j] = next;
-                    order.push(j as u32);
+                    order.push(j);
                 }
             });
             at += 1;
@@ -83,7 +83,6 @@ impl Fronts {
     /// Each hole becomes the mean of the neighbours reached before.
     fn spread(&self, shape: [usize; 4], values: &mut [f32]) {
         for &i in &self.order {
-            let i = i as usize;
             let (mut sum, mut count) = (0.0, 0.0);
             neighbours(shape, i, |j| {
                 if self.number[j] < self.number[i] {

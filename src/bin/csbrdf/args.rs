@@ -452,7 +452,7 @@ pub enum FigureArg {
 /// `--effort`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum EffortArg {
-    /// Two block shapes, holes filled in few steps
+    /// A few block shapes, holes filled in few steps
     Fast,
     /// Block shapes by tile
     Standard,

@@ -1,6 +1,6 @@
 //! The vector instructions that a transform runs on.
 //!
-//! Loops over `[f64; W]` vectorise by themselves; what the compiler needs is leave to use more than the baseline of the
+//! Loops over `[T; W]` vectorise by themselves; what the compiler needs is leave to use more than the baseline of the
 //! target. x86-64's has two lanes and no fused multiply-add. AVX-512 gained at most 10 % over AVX2 on Zen 4 and needs
 //! Rust 1.89. NEON is aarch64's baseline. Results differ by rounding between levels, never between threads or runs.
 
