@@ -54,7 +54,6 @@ impl<'a> ByteReader<'a> {
     }
 
     /// Bytes not yet read.
-    #[cfg(feature = "metadata")]
     pub(crate) fn left(&self) -> usize {
         self.data.len() - self.at
     }

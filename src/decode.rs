@@ -7,6 +7,7 @@ use std::sync::OnceLock;
 
 use crate::block::{Block, Partition, positions};
 use crate::correct::{self, Decoded, correct};
+use crate::dependent::Quantization;
 use crate::entropy::{self, Walk};
 use crate::error::{Error, Result};
 use crate::format::directory::{self, Directory};
@@ -14,6 +15,7 @@ use crate::format::header::{self, Coding};
 use crate::format::index::Index;
 #[cfg(feature = "metadata")]
 use crate::format::metadata::Metadata;
+use crate::format::probabilities::read_probabilities;
 use crate::format::profile::{CodedProfile, read_profile};
 use crate::format::record::{Record, ValidityClass};
 use crate::format::{Limits, MAX_BLOCK_VALUES, is_compact, may_double};
@@ -33,8 +35,19 @@ use crate::zeros::{self, code_zeros};
 pub(crate) const MASKS: usize = entropy::CONTEXTS;
 pub(crate) const ZEROS: usize = MASKS + mask::CONTEXTS;
 pub(crate) const CORRECTIONS: usize = ZEROS + zeros::CONTEXTS;
-/// Number of contexts of the range coder; drafts 1 and 2 end before the zeros.
-pub(crate) const CONTEXTS: usize = CORRECTIONS + correct::CONTEXTS;
+/// Number of contexts of the range coder where all multiples of the step are allowed; drafts 1 and 2 end before the zeros.
+const SCALAR_CONTEXTS: usize = CORRECTIONS + correct::CONTEXTS;
+/// Number of contexts of the range coder with dependent quantisation.
+pub(crate) const CONTEXTS: usize = entropy::SIGNIFICANT_ODD + entropy::ODD_CONTEXTS;
+const _: () = assert!(entropy::SIGNIFICANT_ODD == SCALAR_CONTEXTS);
+
+/// Number of contexts of a file's range coder.
+pub(crate) fn contexts(quantization: Quantization) -> usize {
+    match quantization {
+        Quantization::Scalar => SCALAR_CONTEXTS,
+        Quantization::Dependent => CONTEXTS,
+    }
+}
 
 /// An open file over bytes in memory or in a map. Shared freely between threads; decoding takes `&self`.
 pub struct Reader<D> {
@@ -171,7 +184,7 @@ impl Header {
         }
         scratch
             .walk
-            .code(decoder, block.shape, &mut scratch.coefficients, &mut scratch.extents)
+            .code(decoder, self.coding.quantization, block.shape, &mut scratch.coefficients, &mut scratch.extents)
             .map_err(|_| "an extent or a coefficient is out of range")
     }
 
@@ -320,8 +333,9 @@ impl<D: AsRef<[u8]>> Reader<D> {
         let directory = Directory::read(bytes)?;
         let grid = header::read_grid(directory.open(bytes, directory::GRID)?)?;
         let channels = grid.channels().len();
-        let compact = is_compact(directory.version().2);
-        let coding = header::read_coding(directory.open(bytes, directory::CODING)?, channels, compact)?;
+        let draft = directory.version().2;
+        let compact = is_compact(draft);
+        let coding = header::read_coding(directory.open(bytes, directory::CODING)?, channels, draft)?;
         let partition = header::read_partition(directory.open(bytes, directory::PARTITION)?, &grid)?;
         let limit = limits.block_values.min(MAX_BLOCK_VALUES);
         // Within the format's limits: no overflow.
@@ -329,9 +343,8 @@ impl<D: AsRef<[u8]>> Reader<D> {
         if values > limit {
             return Err(Error::LimitExceeded { what: "values of a block", got: values as u64, limit: limit as u64 });
         }
-        let contexts = if compact { CONTEXTS } else { ZEROS };
-        let probabilities =
-            header::read_probabilities(directory.open(bytes, directory::PROBABILITIES)?, contexts, compact)?;
+        let contexts = if compact { contexts(coding.quantization) } else { ZEROS };
+        let probabilities = read_probabilities(directory.open(bytes, directory::PROBABILITIES)?, contexts, draft)?;
         let profile = match directory.find(directory::PROFILE) {
             Some(_) if compact => Some(read_profile(directory.open(bytes, directory::PROFILE)?, &grid)?),
             Some(section) => {

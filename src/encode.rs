@@ -18,6 +18,7 @@ mod shape;
 mod stages;
 mod tiles;
 pub mod trace;
+mod trellis;
 mod trend;
 
 use std::time::Instant;
@@ -27,6 +28,7 @@ use serde_json::{Value, json};
 
 use crate::block::Partition;
 use crate::channel::ChannelTransform;
+use crate::dependent::Quantization;
 use crate::error::{Error, Result};
 use crate::format::header::Coding;
 use crate::format::metadata::Metadata;
@@ -244,7 +246,8 @@ impl Encoder {
         Encoder { step, ..self }
     }
 
-    /// Magnitudes are rounded up from this fraction of a step, 0 to 0.5.
+    /// Magnitudes are rounded up from this fraction of a step, 0 to 0.5; where every entry is a sample, in trials only: there
+    /// squared error and bits decide.
     pub fn rounding(self, rounding: f64) -> Encoder {
         Encoder { rounding, ..self }
     }
@@ -469,13 +472,18 @@ impl Encoder {
                 .collect::<Result<_>>()?,
         };
         fill_empty_means(&mut blocks, table.grid().channels().len());
+        let (quantization, step) = match dense {
+            Some(_) => (Quantization::Dependent, trellis::STEP * self.step),
+            None => (Quantization::Scalar, self.step),
+        };
         let coding = Coding {
             basis: self.basis,
+            quantization,
             eps: self.eps,
             sampling: self.base_sampling(),
             seed: self.seed,
             transform,
-            steps: vec![self.step; table.grid().channels().len()],
+            steps: vec![step; table.grid().channels().len()],
             shrink: shrink(&blocks),
             horizon: fit_horizon(table),
             zeros: dense.is_some_and(|dense| dense.zeros),
@@ -524,18 +532,20 @@ impl Encoder {
             "basis": self.basis.as_str(),
             "block_shapes": shapes,
             "sampling": self.base_sampling().ratio(),
-            "sampled_for": self.target,
-            "seed": self.seed,
             "quality": self.step_as_written(),
-            "rounding": self.rounding,
-            "sigma": self.sigma_rms(),
-            "weighting": self.weighting,
-            "trend": self.whole_table(),
             "valid": report.valid,
             "sampled": report.sampled,
             "log_rms": report.log_rms,
             "log_max": report.log_max,
         });
+        // What a recovery from samples depends on.
+        if self.sampling != Sampling::Every || self.whole_table() {
+            encoder["sampled_for"] = self.target.into();
+            encoder["rounding"] = self.rounding.into();
+            encoder["sigma"] = self.sigma_rms().into();
+            encoder["weighting"] = self.weighting.into();
+            encoder["trend"] = self.whole_table().into();
+        }
         if self.lossless {
             encoder["lossless"] = true.into();
         }

@@ -5,8 +5,11 @@
 //! magnitude, its sign. The contexts are magnitudes already coded: lower frequencies along each axis, and the same
 //! place in the channel before. The coefficient at index 0 is kept in the file's index.
 
+use crate::dependent::{Quantization, State};
 use crate::fourier::Extents;
 use crate::range::Coder;
+#[cfg(feature = "encode")]
+use crate::range::Costs;
 
 /// Largest magnitude of a quantised coefficient.
 pub(crate) const MAX_MAGNITUDE: u32 = 1 << 24;
@@ -18,16 +21,23 @@ const POSITIONS: usize = 4;
 const SISTERS: usize = 3;
 /// Magnitudes less one have at most 24 bits.
 const EXPONENTS: usize = 25;
+/// Contexts that each part of a number takes.
+pub(crate) const MAX_NUMBER_BITS: usize = EXPONENTS;
 const MAGNITUDE_LEVELS: usize = 8;
 
 const ANY: usize = 0;
 const EXTENT: usize = ANY + CHANNEL_CLASSES;
 const ROW: usize = EXTENT + CHANNEL_CLASSES * 4 * 16;
-const SIGNIFICANT: usize = ROW + CHANNEL_CLASSES * 3 * 3 * 3;
+pub(crate) const SIGNIFICANT: usize = ROW + CHANNEL_CLASSES * 3 * 3 * 3;
 const EXPONENT: usize = SIGNIFICANT + CHANNEL_CLASSES * SISTERS * POSITIONS * LEVELS;
 const MANTISSA: usize = EXPONENT + CHANNEL_CLASSES * MAGNITUDE_LEVELS * EXPONENTS;
-/// Number of contexts for coefficients.
+/// Number of contexts for coefficients, but those for states of odd multiples.
 pub(crate) const CONTEXTS: usize = MANTISSA + EXPONENTS;
+/// First context of whether a coefficient is nonzero where the state has the odd multiples: after all others of a record.
+/// Contexts of their own for the magnitudes there saved less than their probabilities took.
+pub(crate) const SIGNIFICANT_ODD: usize = 1633;
+/// Number of contexts from there.
+pub(crate) const ODD_CONTEXTS: usize = EXPONENT - SIGNIFICANT;
 
 /// Level of a weighted sum of neighbouring magnitudes, 0 to 11.
 const fn level_table() -> [u8; 256] {
@@ -48,6 +58,77 @@ const fn level_table() -> [u8; 256] {
 }
 static LEVEL: [u8; 256] = level_table();
 
+/// Chooses the integers of a row just before they are coded.
+pub(crate) trait Rows {
+    /// The integers from [`Row::first`] on are to be chosen.
+    fn choose(&mut self, row: &Row, line: &mut [i32]);
+}
+
+/// The integers stay what they are.
+struct AsGiven;
+
+impl Rows for AsGiven {
+    #[inline(always)]
+    fn choose(&mut self, _: &Row, _: &mut [i32]) {}
+}
+
+/// A row about to be coded, and what is known of its surroundings.
+pub(crate) struct Row<'a> {
+    walk: &'a Walk,
+    /// Place of the row's first position in the padded magnitudes.
+    start: usize,
+    neighbours: &'a Neighbours,
+    pub(crate) channel: usize,
+    /// Place of the row's first position in the channel.
+    pub(crate) position: usize,
+    /// First index of the row that is coded with it.
+    pub(crate) first: usize,
+    /// Context of whether the row holds any nonzero.
+    pub(crate) any: usize,
+}
+
+/// What the contexts of a coefficient depend on, but for those before it on its row.
+#[derive(Clone, Copy)]
+pub(crate) struct Surroundings {
+    class: usize,
+    place: usize,
+    /// Weighted sum of the neighbours' magnitudes on rows coded before.
+    sum: u32,
+    /// Magnitude at the same place in the channel before.
+    sister: u32,
+}
+
+impl Row<'_> {
+    #[cfg(feature = "encode")]
+    pub(crate) fn surroundings(&self, l: usize) -> Surroundings {
+        self.walk.surroundings(self.channel, self.start + l, l, self.neighbours)
+    }
+}
+
+impl Surroundings {
+    /// The same with the two magnitudes before on the row.
+    #[inline(always)]
+    pub(crate) fn after(self, one: u32, two: u32) -> Surroundings {
+        Surroundings { sum: self.sum + 2 * one + two, ..self }
+    }
+
+    /// Context of whether the coefficient is nonzero.
+    #[inline(always)]
+    pub(crate) fn significant(&self, state: State) -> usize {
+        let base = if state.is_odd() { SIGNIFICANT_ODD } else { SIGNIFICANT };
+        let level = usize::from(LEVEL[self.sum.min(255) as usize]);
+        base + ((self.class * SISTERS + self.sister.min(2) as usize) * POSITIONS + self.place) * LEVELS + level
+    }
+
+    /// First context of its magnitude.
+    #[inline(always)]
+    pub(crate) fn exponents(&self) -> usize {
+        let sum = (self.sum + 3 * self.sister).min(255) as usize;
+        let level = usize::from(LEVEL[sum]).saturating_sub(3).min(MAGNITUDE_LEVELS - 1);
+        EXPONENT + (self.class * MAGNITUDE_LEVELS + level) * EXPONENTS
+    }
+}
+
 /// Scratch of the walk: magnitudes capped at 255, padded so that every neighbour exists.
 #[derive(Debug, Default)]
 pub(crate) struct Walk {
@@ -67,9 +148,23 @@ impl Walk {
     pub(crate) fn code<C: Coder>(
         &mut self,
         coder: &mut C,
+        quantization: Quantization,
         shape: [usize; 4],
         coefficients: &mut [i32],
         extents: &mut Vec<Extents>,
+    ) -> Result<(), OutOfRange> {
+        self.code_rows(coder, quantization, shape, coefficients, extents, &mut AsGiven)
+    }
+
+    /// The same of coefficients that are chosen row by row; those given tell the extents.
+    pub(crate) fn code_rows<C: Coder>(
+        &mut self,
+        coder: &mut C,
+        quantization: Quantization,
+        shape: [usize; 4],
+        coefficients: &mut [i32],
+        extents: &mut Vec<Extents>,
+        rows: &mut impl Rows,
     ) -> Result<(), OutOfRange> {
         let [n0, n1, n2, n3] = shape;
         let padded = (n0 + 1) * (n1 + 1) * (n2 + 2) * (n3 + 3);
@@ -91,17 +186,21 @@ impl Walk {
                 self.magnitudes.fill(0);
                 self.rows.fill(0);
             }
-            extents.push(self.channel(coder, channel, shape, plane)?);
+            extents.push(match quantization {
+                Quantization::Scalar => self.channel::<_, false>(coder, channel, shape, plane, rows)?,
+                Quantization::Dependent => self.channel::<_, true>(coder, channel, shape, plane, rows)?,
+            });
         }
         Ok(())
     }
 
-    fn channel<C: Coder>(
+    fn channel<C: Coder, const DEPENDENT: bool>(
         &mut self,
         coder: &mut C,
         channel: usize,
         shape: [usize; 4],
         plane: &mut [i32],
+        chooser: &mut impl Rows,
     ) -> Result<Extents, OutOfRange> {
         let class = channel.min(CHANNEL_CLASSES - 1);
         let found = find_extents(shape, plane);
@@ -129,19 +228,24 @@ impl Walk {
                     let context = ROW
                         + ((class * 3 + usize::from(near)) * 3 + usize::from(around)) * 3
                         + usize::from(self.sister_rows[row] + u8::from(channel == 0) * 2);
-                    let any = line[first..extents[3]].iter().any(|&q| q != 0);
-                    if !coder.bit(context, any) {
-                        continue;
-                    }
-                    self.rows[row] = 1;
-                    let neighbours = Neighbours {
+                    let line = &mut line[..extents[3]];
+                    let neighbours = &Neighbours {
                         above: row_len,
                         before: rows[1] * row_len,
                         outer: rows[0] * row_len,
                         frequency: 4 * (i + j + k),
                         total: extents[0] + extents[1] + extents[2] + extents[3],
                     };
-                    self.row(coder, class, &mut line[..extents[3]], first, row * row_len + 2, &neighbours)?;
+                    let at = row * row_len + 2;
+                    let about =
+                        Row { walk: self, start: at, neighbours, channel, position: start, first, any: context };
+                    chooser.choose(&about, line);
+                    let any = line[first..].iter().any(|&q| q != 0);
+                    if !coder.bit(context, any) {
+                        continue;
+                    }
+                    self.rows[row] = 1;
+                    self.row::<_, DEPENDENT>(coder, channel, line, first, at, neighbours)?;
                 }
             }
         }
@@ -149,42 +253,57 @@ impl Walk {
     }
 
     #[inline(always)]
-    fn row<C: Coder>(
+    fn row<C: Coder, const DEPENDENT: bool>(
         &mut self,
         coder: &mut C,
-        class: usize,
+        channel: usize,
         line: &mut [i32],
         first: usize,
         start: usize,
         n: &Neighbours,
     ) -> Result<(), OutOfRange> {
+        let mut state = State::default();
         for (l, place) in line.iter_mut().enumerate().skip(first) {
             let at = start + l;
-            let m = |offset: usize| u32::from(self.magnitudes[offset]);
-            let sum = 2 * (m(at - 1) + m(at - n.above) + m(at - n.before))
-                + m(at - 2)
+            let before = [at - 1, at - 2].map(|before| u32::from(self.magnitudes[before]));
+            let surroundings = self.surroundings(channel, at, l, n).after(before[0], before[1]);
+            let q = *place;
+            if !coder.bit(surroundings.significant(state), q != 0) {
+                if DEPENDENT {
+                    state = state.after(0);
+                }
+                continue;
+            }
+            let told = if DEPENDENT { state.index(q.unsigned_abs()) } else { q.unsigned_abs() };
+            let index = 1 + code_number(coder, surroundings.exponents(), MANTISSA, told.wrapping_sub(1))?;
+            let magnitude = if DEPENDENT { state.magnitude(index) } else { index };
+            if magnitude > MAX_MAGNITUDE {
+                return Err(OutOfRange);
+            }
+            let negative = coder.raw(u32::from(q < 0), 1) == 1;
+            *place = if negative { -(magnitude as i32) } else { magnitude as i32 };
+            self.magnitudes[at] = index.min(255) as u8;
+            if DEPENDENT {
+                state = state.after(index);
+            }
+        }
+        Ok(())
+    }
+
+    /// Of a coefficient, by its place in the padded magnitudes and on its row.
+    #[inline(always)]
+    fn surroundings(&self, channel: usize, at: usize, l: usize, n: &Neighbours) -> Surroundings {
+        let m = |offset: usize| u32::from(self.magnitudes[offset]);
+        Surroundings {
+            class: channel.min(CHANNEL_CLASSES - 1),
+            place: ((n.frequency + 4 * l) / n.total).min(POSITIONS - 1),
+            sum: 2 * (m(at - n.above) + m(at - n.before))
                 + m(at - n.above + 1)
                 + m(at - n.before + 1)
                 + m(at - n.before + n.above)
-                + m(at - n.outer);
-            let sister = u32::from(self.sister[at]);
-            let level = usize::from(LEVEL[sum.min(255) as usize]);
-            let position = ((n.frequency + 4 * l) / n.total).min(POSITIONS - 1);
-            let context =
-                SIGNIFICANT + ((class * SISTERS + sister.min(2) as usize) * POSITIONS + position) * LEVELS + level;
-            let q = *place;
-            if !coder.bit(context, q != 0) {
-                continue;
-            }
-            let local = (sum + 3 * sister).min(255) as usize;
-            let level = (usize::from(LEVEL[local])).saturating_sub(3).min(MAGNITUDE_LEVELS - 1);
-            let contexts = EXPONENT + (class * MAGNITUDE_LEVELS + level) * EXPONENTS;
-            let magnitude = 1 + code_number(coder, contexts, MANTISSA, q.unsigned_abs().wrapping_sub(1))?;
-            let negative = coder.raw(u32::from(q < 0), 1) == 1;
-            *place = if negative { -(magnitude as i32) } else { magnitude as i32 };
-            self.magnitudes[at] = magnitude.min(255) as u8;
+                + m(at - n.outer),
+            sister: u32::from(self.sister[at]),
         }
-        Ok(())
     }
 }
 
@@ -251,17 +370,46 @@ pub(crate) fn code_number<C: Coder>(
     if decoded < MAX_MAGNITUDE { Ok(decoded) } else { Err(OutOfRange) }
 }
 
+/// Bits of [`code_number`] under the contexts of a magnitude.
+#[cfg(feature = "encode")]
+pub(crate) fn price_number(costs: &Costs, unary: usize, value: u32) -> f32 {
+    let bits = (u32::BITS - value.leading_zeros()) as usize;
+    let ones: f32 = (0..bits).map(|i| costs.of(unary + i, true)).sum();
+    let end = ones + costs.of(unary + bits, false);
+    if bits < 2 {
+        return end;
+    }
+    end + costs.of(MANTISSA + bits, value >> (bits - 2) & 1 == 1) + (bits - 2) as f32
+}
+
 #[cfg(all(test, feature = "encode"))]
 mod tests {
     use super::*;
     use crate::range::{Decoder, Encoder};
     use proptest::prelude::*;
 
+    /// Makes the coefficients such as dependent quantisation allows.
+    fn allow(shape: [usize; 4], coefficients: &mut [i32]) {
+        let n: usize = shape.iter().product();
+        for plane in coefficients.chunks_exact_mut(n) {
+            let extents = find_extents(shape, plane);
+            for (row, line) in plane.chunks_exact_mut(shape[3]).enumerate() {
+                let mut state = State::default();
+                for q in line.iter_mut().take(extents[3]).skip(usize::from(row == 0)).filter(|_| extents[0] > 0) {
+                    let index = state.index(q.unsigned_abs()).min(MAX_MAGNITUDE / 2);
+                    let magnitude = if index == 0 { 0 } else { state.magnitude(index) as i32 };
+                    *q = q.signum() * magnitude;
+                    state = state.after(if *q == 0 { 0 } else { index });
+                }
+            }
+        }
+    }
+
     proptest! {
         #[test]
         fn decoding_undoes_coding(
             shape in prop::array::uniform4(1usize..7), channels in 1usize..5, density in 0u32..100,
-            seed in any::<u64>(), size in 1u32..25
+            seed in any::<u64>(), size in 1u32..25, dependent in any::<bool>()
         ) {
             let n: usize = shape.iter().product();
             let mut random = crate::sample::SplitMix64(seed);
@@ -273,17 +421,21 @@ mod tests {
                     if present { if r >> 63 == 1 { -magnitude } else { magnitude } } else { 0 }
                 })
                 .collect();
+            let quantization = if dependent { Quantization::Dependent } else { Quantization::Scalar };
+            if dependent {
+                allow(shape, &mut coefficients);
+            }
             let original = coefficients.clone();
-            let probabilities = vec![20000u16; CONTEXTS];
+            let probabilities = vec![20000u16; SIGNIFICANT_ODD + ODD_CONTEXTS];
             let mut encoder = Encoder::new(&probabilities);
             let (mut walk, mut extents) = (Walk::default(), Vec::new());
-            walk.code(&mut encoder, shape, &mut coefficients, &mut extents).unwrap();
+            walk.code(&mut encoder, quantization, shape, &mut coefficients, &mut extents).unwrap();
             prop_assert_eq!(&coefficients, &original);
             let bytes = encoder.finish();
             let mut decoded = vec![0; channels * n];
             let mut decoder = Decoder::new(&probabilities, &bytes);
             let mut decoded_extents = Vec::new();
-            walk.code(&mut decoder, shape, &mut decoded, &mut decoded_extents).unwrap();
+            walk.code(&mut decoder, quantization, shape, &mut decoded, &mut decoded_extents).unwrap();
             prop_assert_eq!(decoded, original);
             prop_assert_eq!(extents, decoded_extents);
             prop_assert_eq!(decoder.unread(), 0);
@@ -291,9 +443,13 @@ mod tests {
 
         #[test]
         fn arbitrary_bytes_end(bytes in prop::collection::vec(any::<u8>(), 0..200), p in 0u16..) {
-            let mut coefficients = vec![0; 2 * 5 * 6 * 7];
-            let _ = Walk::default().code(
-                &mut Decoder::new(&vec![p; CONTEXTS], &bytes), [1, 5, 6, 7], &mut coefficients, &mut Vec::new());
+            for quantization in [Quantization::Scalar, Quantization::Dependent] {
+                let mut coefficients = vec![0; 2 * 5 * 6 * 7];
+                let mut decoder = Decoder::new(&vec![p; SIGNIFICANT_ODD + ODD_CONTEXTS], &bytes);
+                let _ = Walk::default().code(
+                    &mut decoder, quantization, [1, 5, 6, 7], &mut coefficients, &mut Vec::new());
+                prop_assert!(coefficients.iter().all(|q| q.unsigned_abs() <= MAX_MAGNITUDE));
+            }
         }
     }
 }

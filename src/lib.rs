@@ -56,6 +56,7 @@ pub mod channel;
 pub mod coords;
 mod correct;
 pub mod decode;
+pub mod dependent;
 #[cfg(feature = "encode")]
 pub mod encode;
 mod entropy;

@@ -227,6 +227,11 @@ mod encoder {
             self.raw_bits += other.raw_bits;
         }
 
+        /// Contexts from `to` on count what those of a range did.
+        pub(crate) fn copy(&mut self, from: std::ops::Range<usize>, to: usize) {
+            self.counts.copy_within(from, to);
+        }
+
         /// Probability of a one in each context; `None` where telling it would save fewer than `bits`.
         pub(crate) fn probabilities(&self, bits: f64) -> Vec<Option<f64>> {
             let probability = |&[zeros, ones]: &[u32; 2]| {
@@ -272,6 +277,12 @@ mod encoder {
                 [zeros, ones].map(|n| (total / (f64::from(n) + 0.4)).log2() as f32)
             };
             Costs { bits: counter.counts.iter().map(bits).collect(), sum: 0.0 }
+        }
+
+        /// Bits of a decision.
+        #[inline(always)]
+        pub(crate) fn of(&self, context: usize, bit: bool) -> f32 {
+            self.bits[context][usize::from(bit)]
         }
 
         /// The bits since the last call.

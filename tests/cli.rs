@@ -1,22 +1,16 @@
 //! The command-line tool as its users see it: standard output, standard error, exit code, files.
 #![cfg(feature = "cli")]
 
+mod common;
+
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::OnceLock;
 
+use common::{BAD_INPUT, FAST, OK, OPERATION, UNSUPPORTED, USAGE};
 use serde_json::Value;
 use tempfile::TempDir;
-
-const OK: i32 = 0;
-const OPERATION: i32 = 1;
-const USAGE: i32 = 2;
-const BAD_INPUT: i32 = 3;
-const UNSUPPORTED: i32 = 4;
-
-/// Settings that encode fast.
-const FAST: [&str; 4] = ["--block", "15,15,15", "--quality", "0.5"];
 
 /// A finished run.
 struct Run {
@@ -446,7 +440,8 @@ fn info_tells_people_and_scripts() {
     assert_eq!(info["axes"][0]["name"], "theta_h");
     assert_eq!(info["channels"][2]["name"], "B");
     assert_eq!(info["partition"]["blocks"], 432);
-    assert_eq!((&info["coding"]["basis"], &info["coding"]["steps"][0]), (&"dct".into(), &0.5.into()));
+    assert_eq!((&info["coding"]["basis"], &info["coding"]["quantization"]), (&"dct".into(), &"dependent".into()));
+    assert_eq!(info["metadata"]["encoder"]["quality"], 0.5);
     assert_eq!((&info["metadata"]["name"], &info["metadata"]["lab"]), (&"satin".into(), &"x".into()));
     assert_eq!(info["metadata"]["source_file"], "satin.binary");
     assert_eq!(info["metadata"]["source_sha256"].as_str().unwrap().len(), 64);

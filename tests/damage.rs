@@ -116,7 +116,7 @@ fn foreign_and_newer_files_are_named() {
     assert!(says(b"<html>not found</html>").contains("text"));
     assert!(says(&90i32.to_le_bytes().repeat(3)).contains("MERL"));
     assert!(says(&[0; 100]).contains("not a csbrdf file"));
-    for (at, name) in [(8, "version 2.0 draft 3"), (12, "version 1.0 draft 4")] {
+    for (at, name) in [(8, "version 2.0 draft 4"), (12, "version 1.0 draft 5")] {
         let mut newer = file().to_vec();
         newer[at] += 1;
         assert!(says(&newer).contains(name), "{}", says(&newer));

@@ -51,6 +51,7 @@ fn golden_files_decode_to_their_bits() {
 #[test]
 fn golden_files_cover_the_features() {
     use csbrdf::channel::ChannelTransform;
+    use csbrdf::dependent::Quantization;
     use csbrdf::format::record::ValidityClass;
     use csbrdf::fourier::Basis;
     use csbrdf::sample::Sampling;
@@ -66,6 +67,7 @@ fn golden_files_cover_the_features() {
         features.push(if coding.correction.is_some() { "corrections" } else { "no corrections" });
         features.push(["", "1-D", "2-D", "3-D", "4-D"][reader.grid().axes().len()]);
         features.push(if reader.grid().channels().len() > 16 { "spectral" } else { "few channels" });
+        features.push(if coding.quantization == Quantization::Dependent { "dependent" } else { "scalar" });
         features.push(if coding.zeros { "zeros" } else { "no zeros" });
         features.push(if reader.has_profile() { "profile" } else { "no profile" });
         features.push(if coding.correction.is_some() { "corrections" } else { "no corrections" });
@@ -76,8 +78,20 @@ fn golden_files_cover_the_features() {
             origins.extend(reader.block_origin(b).unwrap());
         }
     }
-    let wanted =
-        ["dct", "dft", "separate", "matrix", "every", "bernoulli", "horizon", "no horizon", "spectral", "tiled"];
+    let wanted = [
+        "dct",
+        "dft",
+        "separate",
+        "matrix",
+        "every",
+        "bernoulli",
+        "horizon",
+        "no horizon",
+        "spectral",
+        "tiled",
+        "dependent",
+        "scalar",
+    ];
     for feature in wanted.iter().chain(&["1-D", "3-D", "4-D", "uniform", "corrections", "no corrections", "lossless"]) {
         assert!(features.contains(feature), "no golden file with {feature}");
     }

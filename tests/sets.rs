@@ -1,21 +1,16 @@
 //! Sets as their users see them: a folder of tables in, files and a manifest out; what verify finds in it.
 #![cfg(feature = "cli")]
 
+mod common;
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::OnceLock;
 
+use common::{BAD_INPUT, FAST, OK, OPERATION, UNSUPPORTED, USAGE};
 use serde_json::Value;
 use tempfile::TempDir;
 
-const OK: i32 = 0;
-const OPERATION: i32 = 1;
-const USAGE: i32 = 2;
-const BAD_INPUT: i32 = 3;
-const UNSUPPORTED: i32 = 4;
-
-/// Settings that encode fast.
-const FAST: [&str; 4] = ["--block", "15,15,15", "--quality", "0.5"];
 /// The materials of the tables, in the order of their files.
 const NAMES: [&str; 3] = ["mirror-like", "pearl", "satin-paint"];
 

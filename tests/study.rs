@@ -1,13 +1,12 @@
 //! `csbrdf study` on two synthesised materials: its files, their contents, its refusals.
 #![cfg(feature = "cli")]
 
+mod common;
+
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-const OK: i32 = 0;
-const OPERATION: i32 = 1;
-const USAGE: i32 = 2;
-const BAD_INPUT: i32 = 3;
+use common::{BAD_INPUT, OK, OPERATION, USAGE};
 
 /// Exit code and standard error of a run; nothing may be on standard output.
 fn run(args: &[&str]) -> (i32, String) {

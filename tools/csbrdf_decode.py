@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A plain decoder of .csbrdf files (format 1.0, drafts 1 to 3), written from csbrdf.md for reading along with it.
+"""A plain decoder of .csbrdf files (format 1.0, drafts 1 to 4), written from csbrdf.md for reading along with it.
 
     csbrdf_decode.py FILE...                   name and CRC-32 of the values, the binary64 values / scale, the validity
     csbrdf_decode.py --check HASHES [FILE...]  compare these with a list; exit 1 on a difference
@@ -29,8 +29,11 @@ AXES = ["other", "theta_h", "phi_h", "theta_d", "phi_d", "theta_i", "phi_i", "th
 ALL, NONE, HORIZON, MASK, MASK_PER_CHANNEL = range(5)  # classes of validity, 3.8
 ANY, EXTENT, ROW, SIGNIFICANT, EXPONENT, MANTISSA, MASKS, ZEROS = 0, 3, 195, 276, 708, 1308, 1333, 1397  # 4.6
 C_ANY, C_ROW, C_PRESENT, C_EXPONENT, C_MANTISSA, C_SIGN, CONTEXTS = 1437, 1440, 1449, 1549, 1599, 1624, 1633  # 4.11
+D_SIGNIFICANT, D_CONTEXTS = 1633, 2065  # 4.6, of dependent quantisation
+P_TOLD, P_EXPONENT, P_MANTISSA, P_CONTEXTS = 0, 4, 29, 54  # 3.5
 X_MISSING, X_SIGN, X_TOP, X_LENGTH, X_MISSING_LENGTH, X_CONTEXTS = 0, 3, 9, 521, 4617, 4745  # 4.12
 LEVEL = [0, 1, 2, 3, 4, 5, 6, 7, 7] + [8] * 3 + [9] * 5 + [10] * 12  # 4.6, above: 11
+NEXT_STATE = [(0, 2), (2, 0), (1, 3), (3, 1)]  # 4.5: after a coefficient of even index, of odd index
 
 
 class Refused(Exception):
@@ -156,8 +159,8 @@ class File:
         c.check(major == 1, f"major version {major} is not known")
         minor = c.get("H", "minor version")
         draft = c.get("H", "draft")
-        c.check(1 <= draft <= 3, f"draft {draft} of version {major}.{minor} is not known")
-        self.draft, self.before_3 = draft, draft in (1, 2)
+        c.check(1 <= draft <= 4, f"draft {draft} of version {major}.{minor} is not known")
+        self.draft, self.before_3, self.before_4 = draft, draft < 3, draft < 4
         count = c.get("H", "number of sections", 1, 64)
         c.check(c.get("Q", "length of the file") == len(self.data), f"the file has {len(self.data)} bytes")
         c.get("I", "reserved field", 0, 0)
@@ -221,7 +224,7 @@ class File:
         """3.3 CODE."""
         self.dft = c.get("B", "basis", 0, 1)
         c.get("B", "tone map", 1, 1)
-        c.get("B", "entropy coder", 1, 1)
+        self.dependent = c.get("B", "entropy coder", 1, 1 if self.before_4 else 2) == 2
         matrix = c.get("B", "channel transform", 0, 1)
         c.check(not matrix or self.channels <= 16, "a matrix of more than 16 channels")
         self.shrink = [c.get("b", "shrink of magnitude 1"), c.get("b", "shrink of magnitudes 2 and above")]
@@ -270,19 +273,38 @@ class File:
 
     def prob(self, c):
         """3.5 PROB."""
-        contexts = ZEROS if self.before_3 else CONTEXTS
+        contexts = ZEROS if self.before_3 else D_CONTEXTS if self.dependent else CONTEXTS
         c.get("H", "number of contexts", contexts, contexts)
+        self.probabilities = self.plain_probabilities(c, contexts) if self.before_4 else \
+            self.coded_probabilities(c, contexts)
+
+    def plain_probabilities(self, c, contexts):
+        """3.5 before draft 4: told as codes in draft 3, as they are before it."""
         bits = int.from_bytes(c.bytes(-(-contexts // 8)), "little")
         c.check(bits >> contexts == 0, "padding is not 0")
 
-        def probability():
+        def told():
             if self.before_3:
                 return c.get("H", "probability", 1)
             code = c.get("B", "code of a probability")
-            p = int(np.floor(F64(32768) * exp64(-(F64(code % 128) * F64(math.log(2) / 12))) + F64(0.5)))
-            return p if code < 128 else 65536 - p
+            return probability(-code if code < 128 else code - 128)
 
-        self.probabilities = [probability() if bits >> i & 1 else 32768 for i in range(contexts)]
+        return [told() if bits >> i & 1 else 32768 for i in range(contexts)]
+
+    def coded_probabilities(self, c, contexts):
+        """3.5: told as changes of ranks, range coded."""
+        coded = c.bytes(len(c.data) - c.pos)
+        coder = RangeDecoder(coded, [32768] * P_CONTEXTS)
+        probabilities, rank, before, second = [], 0, 0, 0  # before, second: whether the last two were told
+        for context in range(contexts):
+            before, second = coder.bit(P_TOLD + before + 2 * second), before  # 1
+            if before:  # 2
+                change = number(coder, P_EXPONENT, P_MANTISSA, c)
+                rank += -change if change and coder.raw(1) else change
+                c.check(-127 <= rank <= 127, f"context {context}: rank {rank}")
+            probabilities.append(probability(rank) if before else 32768)
+        c.check(coder.pos >= len(coded), "not all coded bytes are used")
+        return probabilities
 
     def graz(self, c):
         """3.9 GRAZ: self.tables[even, odd over theta_h, even, odd over theta_d][component][bin][knot]."""
@@ -425,7 +447,7 @@ class File:
                 zero = exact_zeros(coder, valid)
             before = None
             for channel in range(self.channels):
-                before = coefficients(coder, channel, shape, before, c)
+                before = coefficients(coder, channel, shape, before, c, self.dependent)
                 for place, value in before.values.items():
                     q[(channel,) + place] = value
         components = []
@@ -567,6 +589,12 @@ class File:
         return bits.reshape((self.channels,) + self.shape[4 - self.naxes:]).view(F64)
 
 
+def probability(rank):
+    """3.5: of a one, in 1/65536."""
+    p = int(np.floor(F64(32768) * exp64(-(F64(abs(rank)) * F64(math.log(2) / 12))) + F64(0.5)))
+    return p if rank <= 0 else 65536 - p
+
+
 def cosines(p, n, w):
     """4.4: cos_turn(p, 4n) * w rounded to f32."""
     return (cos_turn(p, 4 * n) * w).astype(F32)
@@ -661,14 +689,15 @@ def splitmix64(state):
 
 
 class Channel:
-    """4.6: what the next channel sees of this one: q, capped magnitudes and rows, each only where nonzero."""
+    """4.6: what the next channel sees of this one: q, capped magnitudes (with dependent quantisation indices) and
+    rows, each only where nonzero."""
 
     def __init__(self):
         self.values, self.m, self.rows = {}, Counter(), Counter()  # of places that are not there: 0
 
 
-def coefficients(coder, channel, shape, before, cursor):
-    """4.6, steps 1 to 4: the coefficients of one channel but the one at index 0."""
+def coefficients(coder, channel, shape, before, cursor, dependent=False):
+    """4.6, steps 1 to 4: the coefficients of one channel but the one at index 0; 4.5 if quantisation is dependent."""
     g, now = min(channel, 2), Channel()
     if not coder.bit(ANY + g):  # 1
         return now
@@ -689,16 +718,24 @@ def coefficients(coder, channel, shape, before, cursor):
         if not coder.bit(ROW + ((g * 3 + near) * 3 + around) * 3 + sister):
             continue
         rows[i, j, k] = 1
+        state = 0  # 4.5: stays 0 without dependent quantisation
         for l in range(0 if i or j or k else 1, extents[3]):  # 4
             total = (2 * (m[i, j, k, l - 1] + m[i, j, k - 1, l] + m[i, j - 1, k, l])
                      + m[i, j, k, l - 2] + m[i, j, k - 1, l + 1] + m[i, j - 1, k, l + 1]
                      + m[i, j - 1, k + 1, l] + m[i - 1, j, k, l])
             sister = before.m[i, j, k, l] if channel else 0
             place = min(3, 4 * (i + j + k + l) // sum(extents))
-            if coder.bit(SIGNIFICANT + ((g * 3 + min(sister, 2)) * 4 + place) * 12 + level(total)):
-                q = nonzero(coder, EXPONENT + (g * 8 + min(7, max(0, level(total + 3 * sister) - 3))) * 25, cursor)
-                now.values[i, j, k, l] = q
-                m[i, j, k, l] = min(255, abs(q))
+            significant = (D_SIGNIFICANT if state >= 2 else SIGNIFICANT) + ((g * 3 + min(sister, 2)) * 4 + place) * 12
+            index = 0  # 4.5; without dependent quantisation the magnitude
+            if coder.bit(significant + level(total)):
+                exponent = EXPONENT + (g * 8 + min(7, max(0, level(total + 3 * sister) - 3))) * 25
+                index = 1 + number(coder, exponent, MANTISSA, cursor)
+                magnitude = 2 * index - (state >= 2) if dependent else index
+                cursor.check(magnitude <= 1 << 24, f"channel {channel}: a magnitude of more than 2^24")
+                now.values[i, j, k, l] = -magnitude if coder.raw(1) else magnitude
+                m[i, j, k, l] = min(255, index)
+            if dependent:
+                state = NEXT_STATE[state][index % 2]
     return now
 
 
@@ -707,14 +744,8 @@ def level(x):
     return LEVEL[x] if x < len(LEVEL) else 11
 
 
-def nonzero(coder, exponent, cursor):
-    """4.6, step 4: EXPONENT, MANTISSA, raw bits and sign of a nonzero coefficient."""
-    magnitude = 1 + number(coder, exponent, MANTISSA, cursor)
-    return -magnitude if coder.raw(1) else magnitude
-
-
 def number(coder, exponent, mantissa, cursor):
-    """4.6, step 4: a magnitude less 1."""
+    """4.6, step 4: u, a magnitude or an index less 1; in 3.5 the number itself."""
     b = 0
     while coder.bit(exponent + b):
         b += 1

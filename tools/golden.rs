@@ -142,7 +142,21 @@ fn features() -> Result<Vec<(&'static str, Encoder, BrdfTable)>, Failure> {
     let marked = values.iter_mut().enumerate().filter(|(i, _)| i % n < n / 2).step_by(41);
     marked.zip(marks.into_iter().cycle()).for_each(|((_, value), mark)| *value = mark);
     let exact = BrdfTable::from_values(small([8, 9, 10])?, values)?;
+    // Indices of all sizes, many of them, beside rows of few; a DFT; corrections on top; and drawn samples, whose integers do
+    // not depend on each other.
+    let rough =
+        Recipe { noise: 0.1, holes: 0.05, seed: 8, ..recipe("rough-metal")? }.synthesise(&small([12, 14, 24])?)?;
+    let even = recipe("satin-paint")?.synthesise(&small([9, 10, 21])?)?;
+    let drawn = Recipe { noise: 0.003, seed: 3, ..recipe("satin-paint")? }.synthesise(&small([12, 12, 18])?)?;
+    let drawn_encoder = Encoder::new().preset(Preset::Paper).block_shape(&[6, 12, 9]).sampling(ratio).seed(5);
     Ok(vec![
+        ("dct-dependent", Encoder::new().quality(0.02).block_shape(&[6, 7, 24]), rough.clone()),
+        ("dft-dependent", Encoder::new().basis(Basis::Dft).quality(0.05), even),
+        ("dct-dependent-corrected", corrected(&[12, 7, 12], 0.1), rough),
+        ("dft-sampled-draft-4", drawn_encoder, drawn),
+        ("dct-dependent-lossless", Encoder::new().block_shape(&[8, 3, 10]).lossless(true), exact.clone()),
+        ("dct-dependent-grazing-zeros", Encoder::new().quality(0.05), zeros.clone()),
+        ("dct-dependent-4d-spectral", Encoder::new().block_shape(&[4, 3, 5, 7]).quality(0.01), spectral.clone()),
         ("dct-lossless", Encoder::new().block_shape(&[4, 9, 10]).lossless(true), exact),
         ("dct-grazing-zeros", Encoder::new(), zeros),
         ("dct-opponent-mask", Encoder::new().block_shape(&[6, 5, 12]).metadata(metadata), masked),

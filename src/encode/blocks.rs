@@ -6,6 +6,19 @@ use crate::quantize::{Quantizer, quantize_mean};
 use crate::table::BrdfTable;
 use crate::tone::tone_map;
 
+/// Sums over magnitudes 1, and 2 and above: how far below the integer the coefficient was, in steps; counts.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Shortfall([(f64, u64); 2]);
+
+impl Shortfall {
+    /// A coefficient that is not quantised to zero, in steps.
+    pub(super) fn add(&mut self, q: i32, coefficient: f64) {
+        let sum = &mut self.0[usize::from(q.unsigned_abs() > 1)];
+        sum.0 += f64::from(q.unsigned_abs()) - coefficient.abs();
+        sum.1 += 1;
+    }
+}
+
 /// A block after quantisation.
 pub(super) struct Quantized {
     pub(super) shape: [usize; 4],
@@ -13,8 +26,7 @@ pub(super) struct Quantized {
     pub(super) coefficients: Vec<i32>,
     /// One a component; `None` where the component has no sample.
     pub(super) means: Vec<Option<i32>>,
-    /// Sums over magnitudes 1, and 2 and above: how far below the integer the coefficient was, in steps; counts.
-    pub(super) shortfall: [(f64, u64); 2],
+    pub(super) shortfall: Shortfall,
     /// Of the quantiser, in the coefficient domain, holes included.
     pub(super) squared_error: f64,
     pub(super) sampled: usize,
@@ -30,7 +42,7 @@ impl Quantized {
             shape,
             coefficients: vec![0; components * shape.iter().product::<usize>()],
             means: vec![None; components],
-            shortfall: [(0.0, 0); 2],
+            shortfall: Shortfall::default(),
             squared_error: 0.0,
             sampled: 0,
             doublings: 0,
@@ -53,9 +65,7 @@ impl Quantized {
             *q = Quantizer::quantize(step, rounding, value)?;
             self.squared_error += (value - f64::from(*q) * f64::from(step)).powi(2);
             if *q != 0 {
-                let sum = &mut self.shortfall[usize::from(q.unsigned_abs() > 1)];
-                sum.0 += f64::from(q.unsigned_abs()) - value.abs() / f64::from(step);
-                sum.1 += 1;
+                self.shortfall.add(*q, value / f64::from(step));
             }
         }
         Some(())
@@ -105,7 +115,7 @@ pub(super) fn fill_empty_means(blocks: &mut [Quantized], components: usize) {
 /// Mean shortfall of the coefficients below their integers, in 1/256 of a step: where the decoder rebuilds them.
 pub(super) fn shrink(blocks: &[Quantized]) -> [i8; 2] {
     [0, 1].map(|i| {
-        let (sum, count) = blocks.iter().fold((0.0, 0), |(s, n), b| (s + b.shortfall[i].0, n + b.shortfall[i].1));
+        let (sum, count) = blocks.iter().fold((0.0, 0), |(s, n), b| (s + b.shortfall.0[i].0, n + b.shortfall.0[i].1));
         if count == 0 { 0 } else { (256.0 * sum / count as f64).round().clamp(-128.0, 127.0) as i8 }
     })
 }

@@ -20,7 +20,7 @@ use crate::table::BrdfTable;
 /// Planes in grid order, one a channel.
 pub(super) struct Dense {
     shape: [usize; 4],
-    channels: usize,
+    pub(super) channels: usize,
     /// Logarithms less the profile; where not known, a guess.
     log: Vec<f32>,
     /// Valid and not exactly zero.
@@ -42,13 +42,9 @@ impl Dense {
     pub(super) fn new(table: &BrdfTable, eps: f64, basis: Basis) -> Dense {
         let grid = table.grid();
         let n = grid.positions();
-        let is_zero = |value: &f64, valid: &bool| *valid && *value == 0.0;
-        let zeros = table.values().iter().zip(table.valid()).any(|(value, valid)| is_zero(value, valid));
-        let known: Vec<bool> = if zeros {
-            table.values().iter().zip(table.valid()).map(|(value, valid)| *valid && !is_zero(value, valid)).collect()
-        } else {
-            table.valid().to_vec()
-        };
+        let entries = || table.values().iter().zip(table.valid());
+        let zeros = entries().any(|(value, valid)| *valid && *value == 0.0);
+        let known: Vec<bool> = entries().map(|(value, valid)| *valid && *value != 0.0).collect();
         let mut log = vec![0f32; known.len()];
         for (c, channel) in grid.channels().iter().enumerate() {
             let entries = table.plane(c).par_iter().zip(table.valid_plane(c));

@@ -14,6 +14,7 @@ use rayon::prelude::*;
 use super::Effort;
 use super::effort::ProfileStage;
 use crate::channel::ChannelTransform;
+use crate::dependent::Quantization;
 use crate::entropy::{self, Walk};
 use crate::format::profile::{CodedProfile, TABLES};
 use crate::format::{MAX_BLOCK_AXIS, check_block};
@@ -408,7 +409,7 @@ pub(super) fn fit(
                 coefficients.push(Quantizer::quantize(step, 0.4, value)?);
             }
         }
-        walk.code(&mut encoder, shape, &mut coefficients, &mut Vec::new()).ok()?;
+        walk.code(&mut encoder, Quantization::Scalar, shape, &mut coefficients, &mut Vec::new()).ok()?;
     }
     let coded = CodedProfile { knots: KNOTS, zone: ZONE, step, first, coded: encoder.finish(), offset: 0 };
     let profile = coded.decode(grid).ok()?;

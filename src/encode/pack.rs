@@ -7,16 +7,15 @@ use super::bound::Bound;
 use crate::block::{Block, Partition};
 use crate::correct::{self, Decoded};
 use crate::decode::lossless::decode_bits;
-use crate::decode::{CONTEXTS, CORRECTIONS, Header, MASKS, Scratch, ZEROS, without_zeros};
+use crate::decode::{CONTEXTS, CORRECTIONS, Header, MASKS, Scratch, ZEROS, contexts, without_zeros};
 use crate::entropy::{Walk, find_extents};
 use crate::error::{Error, Result};
 use crate::format::MAX_MEANS;
 use crate::format::directory::{self, write_file};
-use crate::format::header::{
-    Coding, decode_probability, encode_probability, write_coding, write_grid, write_partition, write_probabilities,
-};
+use crate::format::header::{Coding, write_coding, write_grid, write_partition};
 use crate::format::index::{Entry, encode_error, write_index};
 use crate::format::lossless::write_exact;
+use crate::format::probabilities::{decode_probability, encode_probability, write_probabilities};
 use crate::format::profile::{CodedProfile, write_profile};
 use crate::format::record::{Record, ValidityClass};
 use crate::lossless;
@@ -136,7 +135,8 @@ impl Uncoded<'_> {
             let common = *class != ValidityClass::MaskPerChannel;
             code_zeros(coder, ZEROS, shape, if common { &valid[..n] } else { valid }, &mut zeros.clone());
         }
-        let coded = buffers.walk.code(coder, shape, &mut self.quantized.coefficients.clone(), &mut Vec::new());
+        let mut coefficients = self.quantized.coefficients.clone();
+        let coded = buffers.walk.code(coder, header.coding.quantization, shape, &mut coefficients, &mut Vec::new());
         debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
         if let Some(step) = header.coding.correction {
             let mut corrections = corrections.to_vec();
@@ -218,8 +218,9 @@ pub(super) fn pack(
                 a
             },
         );
-    let codes: Vec<Option<u8>> =
+    let mut codes: Vec<Option<u8>> =
         counter.probabilities(PROBABILITY_BITS).into_iter().map(|p| p.map(encode_probability)).collect();
+    codes.truncate(contexts(coding.quantization));
     let probabilities = codes.iter().map(|code| code.map_or(1 << 15, decode_probability)).collect();
     let written_profile = profile.as_ref().map(write_profile);
     let header =

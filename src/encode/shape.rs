@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use super::blocks::Quantized;
 use crate::block::Partition;
 use crate::decode::CONTEXTS;
+use crate::dependent::Quantization;
 use crate::entropy::Walk;
 use crate::error::Result;
 use crate::range::Counter;
@@ -46,7 +47,13 @@ pub(super) fn trial(
             || (Counter::new(CONTEXTS), Walk::default(), Vec::new()),
             |(mut counter, mut walk, mut errors), block| {
                 let mut block = block?;
-                let coded = walk.code(&mut counter, block.shape, &mut block.coefficients, &mut Vec::new());
+                let coded = walk.code(
+                    &mut counter,
+                    Quantization::Scalar,
+                    block.shape,
+                    &mut block.coefficients,
+                    &mut Vec::new(),
+                );
                 debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
                 errors.push(block.squared_error);
                 Ok((counter, walk, errors))

@@ -9,6 +9,7 @@ use super::blocks::{Quantized, gather_log};
 use super::dense::{Dense, DenseBlock};
 use super::estimate::Estimate;
 use super::recover::{Recoverer, Recovery, Solves};
+use super::trellis::{self, Filled};
 use crate::block::{Block, Partition};
 use crate::channel::ChannelTransform;
 use crate::error::{Error, Result};
@@ -103,40 +104,50 @@ impl Encoder {
     ) -> Result<Vec<Quantized>> {
         let done = AtomicUsize::new(0);
         let count = partition.block_count();
-        (0..count)
+        let filled: Vec<Filled> = (0..count)
             .into_par_iter()
             .with_max_len(1)
             .map(|number| {
                 let block = partition.block(number).expect("number is below the count");
-                let quantized = self.quantize_dense(dense, transform, &block, self.effort.fill_steps());
+                let (filled, _) = self.fill(dense, transform, &block, self.effort.fill_steps());
                 progress((done.fetch_add(1, Ordering::Relaxed) + 1) as f64 / count as f64);
-                quantized.ok_or_else(|| self.too_fine())
+                filled
             })
-            .collect()
+            .collect();
+        trellis::quantize(&filled, dense.channels, self.step, self.rounding).ok_or_else(|| self.too_fine())
     }
 
-    /// A block of a dense table: channel transform, basis, quantiser; holes are filled in so many steps.
+    /// A block of a dense table through channel transform and basis, its holes filled in so many steps; how many of its entries
+    /// are known.
+    fn fill(&self, dense: &Dense, transform: &ChannelTransform, block: &Block, steps: usize) -> (Filled, usize) {
+        let DenseBlock { log: mut coefficients, known } = dense.block(block);
+        let count = known.iter().filter(|k| **k).count();
+        if count == 0 {
+            coefficients.clear();
+        } else {
+            let step = self.step;
+            dense.fillers.with(|f| f.analyze(block.shape, transform, &mut coefficients, &known, step, steps));
+        }
+        (Filled { shape: block.shape, coefficients }, count)
+    }
+
+    /// A block of a dense table quantised for a trial, its holes filled in so many steps.
     /// `None` if the step is too small for the format.
     pub(super) fn quantize_dense(
         &self,
         dense: &Dense,
         transform: &ChannelTransform,
         block: &Block,
-        fill_steps: usize,
+        steps: usize,
     ) -> Option<Quantized> {
-        let DenseBlock { mut log, known } = dense.block(block);
         let n = block.positions();
-        let mut quantized = Quantized::empty(block.shape, log.len() / n);
-        let count = known.iter().filter(|k| **k).count();
-        if count == 0 {
-            return Some(quantized);
-        }
-        dense.fillers.with(|filler| filler.analyze(block.shape, transform, &mut log, &known, self.step, fill_steps));
-        for (c, values) in log.chunks_exact(n).enumerate() {
+        let mut quantized = Quantized::empty(block.shape, dense.channels);
+        let (filled, known) = self.fill(dense, transform, block, steps);
+        for (c, values) in filled.coefficients.chunks_exact(n).enumerate() {
             quantized.quantize(c, self.step, self.rounding, values)?;
         }
         // Errors in holes do not count.
-        quantized.squared_error *= count as f64 / known.len() as f64;
+        quantized.squared_error *= known as f64 / (n * dense.channels) as f64;
         Some(quantized)
     }
 

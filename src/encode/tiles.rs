@@ -11,6 +11,7 @@ use super::dense::Dense;
 use super::{Effort, Encoder};
 use crate::block::{Block, Partition};
 use crate::channel::ChannelTransform;
+use crate::dependent::Quantization;
 use crate::entropy::{CONTEXTS, Walk};
 use crate::error::{Error, Result};
 use crate::format::check_block;
@@ -193,7 +194,13 @@ impl Encoder {
                 let mut quantized =
                     self.quantize_dense(dense, transform, block, steps).ok_or_else(|| self.too_fine())?;
                 let mut counter = Counter::new(CONTEXTS);
-                let coded = walk.code(&mut counter, block.shape, &mut quantized.coefficients, &mut Vec::new());
+                let coded = walk.code(
+                    &mut counter,
+                    Quantization::Scalar,
+                    block.shape,
+                    &mut quantized.coefficients,
+                    &mut Vec::new(),
+                );
                 debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
                 Ok((counter, quantized.squared_error))
             })
@@ -219,7 +226,8 @@ impl Encoder {
             let mut quantized = self
                 .quantize_dense(dense, transform, block, self.effort.trial_steps())
                 .ok_or_else(|| self.too_fine())?;
-            let coded = walk.code(costs, block.shape, &mut quantized.coefficients, &mut Vec::new());
+            let coded =
+                walk.code(costs, Quantization::Scalar, block.shape, &mut quantized.coefficients, &mut Vec::new());
             debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
             let step = f64::from(self.step);
             price += costs.take_bits() + 8.0 * OVERHEAD + quantized.squared_error / (EXCHANGE * step * step);

@@ -260,7 +260,7 @@ mod tests {
     #[test]
     fn bytes_are_those_of_the_specification() {
         let hex: String = write_file(&[(GRID, false, vec![1, 2, 3])]).iter().map(|b| format!("{b:02x}")).collect();
-        let preamble = "8b4353420d0a1a0a01000000030001003f00000000000000000000003f734d36";
+        let preamble = "8b4353420d0a1a0a01000000040001003f00000000000000000000005650fd6a";
         let table = "475249440000000003000000000000001d80bc55";
         assert_eq!(hex, [preamble, table, "010203", "4353425244462e0a"].concat());
     }

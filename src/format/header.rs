@@ -1,11 +1,11 @@
-//! The header sections: GRID, CODE, PART and PROB (spec sections 3.2 to 3.5).
+//! The header sections: GRID, CODE and PART (spec sections 3.2 to 3.4).
 
 use crate::bits::ByteReader;
 use crate::block::Partition;
 use crate::channel::{ChannelTransform, MAX_MATRIX_CHANNELS};
+use crate::dependent::Quantization;
 use crate::error::{Error, Result};
-use crate::exact::exp64;
-use crate::format::{EPS_RANGE, MAX_CHANNELS, STEP_RANGE, check_block};
+use crate::format::{EPS_RANGE, MAX_CHANNELS, STEP_RANGE, check_block, is_compact, is_dependent};
 use crate::fourier::Basis;
 use crate::grid::{Axis, AxisName, Channel, Grid, Mapping};
 use crate::sample::Sampling;
@@ -15,6 +15,8 @@ use crate::sample::Sampling;
 pub struct Coding {
     /// Basis of the coefficients.
     pub basis: Basis,
+    /// Which multiples of the step coefficients may be.
+    pub quantization: Quantization,
     /// Constant of the tone map ln(f + eps), 1/sr.
     pub eps: f64,
     /// Sampling of the valid entries.
@@ -39,6 +41,8 @@ pub struct Coding {
 const TONE_LN: u8 = 1;
 /// Entropy coders: 1 is the adaptive binary range coder of spec sections 4.6 and 4.7.
 const ENTROPY_RANGE: u8 = 1;
+/// The same with dependent quantisation.
+const ENTROPY_DEPENDENT: u8 = 2;
 
 /// A finite positive number.
 fn positive(reader: &ByteReader, name: &str, value: f64) -> Result<f64> {
@@ -99,8 +103,9 @@ pub(crate) fn read_grid(mut r: ByteReader) -> Result<Grid> {
     Ok(grid)
 }
 
-/// `compact`: of a draft that has exact zeros and a correction step.
-pub(crate) fn read_coding(mut r: ByteReader, channels: usize, compact: bool) -> Result<Coding> {
+/// The draft tells what there may be.
+pub(crate) fn read_coding(mut r: ByteReader, channels: usize, draft: u16) -> Result<Coding> {
+    let compact = is_compact(draft);
     // Basis: 0 DCT-II, 1 DFT.
     let basis = r.u8()?;
     let basis = one_of(&r, "basis", &[Basis::Dct, Basis::Dft], basis)?;
@@ -109,11 +114,12 @@ pub(crate) fn read_coding(mut r: ByteReader, channels: usize, compact: bool) -> 
     if tone != TONE_LN {
         return Err(r.corrupt(format!("tone map {tone} is reserved")));
     }
-    // Entropy coder: 1.
-    let entropy = r.u8()?;
-    if entropy != ENTROPY_RANGE {
-        return Err(r.corrupt(format!("entropy coder {entropy} is reserved")));
-    }
+    // Entropy coder: 1, or 2 with dependent quantisation, from draft 4 on.
+    let quantization = match r.u8()? {
+        ENTROPY_RANGE => Quantization::Scalar,
+        ENTROPY_DEPENDENT if is_dependent(draft) => Quantization::Dependent,
+        other => return Err(r.corrupt(format!("entropy coder {other} is reserved"))),
+    };
     // Channel transform: 0 none, 1 matrix.
     let transform = r.u8()?;
     // Shrink of magnitude 1, and of 2 and above, in 1/256 of a step, signed.
@@ -177,7 +183,7 @@ pub(crate) fn read_coding(mut r: ByteReader, channels: usize, compact: bool) -> 
         step => return Err(r.corrupt(format!("correction step is {step}, must be 0 or within {STEP_RANGE:?}"))),
     };
     r.finish()?;
-    Ok(Coding { basis, eps, sampling, seed, transform, steps, shrink, horizon, zeros, correction })
+    Ok(Coding { basis, quantization, eps, sampling, seed, transform, steps, shrink, horizon, zeros, correction })
 }
 
 pub(crate) fn read_partition(mut r: ByteReader, grid: &Grid) -> Result<Partition> {
@@ -206,40 +212,6 @@ pub(crate) fn read_partition(mut r: ByteReader, grid: &Grid) -> Result<Partition
     }
     r.finish()?;
     Ok(partition)
-}
-
-/// Codes of probabilities of a one: 32768 * 2^(-c / 12) in 1/65536 for c below 128, and the rest to 1 for c - 128.
-pub(crate) fn decode_probability(code: u8) -> u16 {
-    const TWELFTH: f64 = std::f64::consts::LN_2 / 12.0;
-    let small = (32768.0 * exp64(-f64::from(code & 127) * TWELFTH) + 0.5) as u16;
-    if code < 128 { small } else { (65536 - u32::from(small)) as u16 }
-}
-
-/// `compact`: of a draft that has codes of probabilities.
-pub(crate) fn read_probabilities(mut r: ByteReader, contexts: usize, compact: bool) -> Result<Vec<u16>> {
-    // Number of contexts, fixed by the entropy coder.
-    let count = usize::from(r.u16()?);
-    if count != contexts {
-        return Err(r.corrupt(format!("{count} contexts, the entropy coder has {contexts}")));
-    }
-    // One bit a context, low bit first: whether its probability follows; the others start at one half.
-    let used = r.bytes(contexts.div_ceil(8))?;
-    let mut probabilities = vec![1 << 15; contexts];
-    for (i, probability) in probabilities.iter_mut().enumerate() {
-        if used[i / 8] >> (i % 8) & 1 == 0 {
-            continue;
-        }
-        // Code of the probability of a one; before draft 3 the probability in 1/65536, 1 and up.
-        *probability = if compact { decode_probability(r.u8()?) } else { r.u16()? };
-        if *probability == 0 {
-            return Err(r.corrupt(format!("probability of context {i} is zero")));
-        }
-    }
-    if !contexts.is_multiple_of(8) && used[contexts / 8] >> (contexts % 8) != 0 {
-        return Err(r.corrupt("bits beyond the last context are set"));
-    }
-    r.finish()?;
-    Ok(probabilities)
 }
 
 #[cfg(feature = "encode")]
@@ -275,7 +247,10 @@ mod write {
         let mut w = ByteWriter::default();
         w.u8(coding.basis as u8);
         w.u8(TONE_LN);
-        w.u8(ENTROPY_RANGE);
+        w.u8(match coding.quantization {
+            Quantization::Scalar => ENTROPY_RANGE,
+            Quantization::Dependent => ENTROPY_DEPENDENT,
+        });
         w.u8(u8::from(coding.transform != ChannelTransform::None));
         w.u8(coding.shrink[0] as u8);
         w.u8(coding.shrink[1] as u8);
@@ -303,25 +278,6 @@ mod write {
         w.u8((partition.shapes().len() - 1) as u8);
         partition.shapes().iter().for_each(|&s| shape(&mut w, s));
         w.bytes(partition.tile_shapes());
-        w.0
-    }
-
-    /// Code of a probability, the nearest on a logarithmic scale.
-    pub(crate) fn encode_probability(probability: f64) -> u8 {
-        let code = |p: f64| (-12.0 * (2.0 * p).log2()).round().clamp(0.0, 127.0) as u8;
-        if probability <= 0.5 { code(probability) } else { 128 + code(1.0 - probability) }
-    }
-
-    /// The section from a code for each context that has one.
-    pub(crate) fn write_probabilities(codes: &[Option<u8>]) -> Vec<u8> {
-        let mut w = ByteWriter::default();
-        w.u16(codes.len() as u16);
-        let mut used = vec![0u8; codes.len().div_ceil(8)];
-        for (i, code) in codes.iter().enumerate() {
-            used[i / 8] |= u8::from(code.is_some()) << (i % 8);
-        }
-        w.bytes(&used);
-        codes.iter().flatten().for_each(|&code| w.u8(code));
         w.0
     }
 }
@@ -366,6 +322,7 @@ mod tests {
     fn codings_round_trip_and_reject_reserved_values() {
         let coding = Coding {
             basis: Basis::Dft,
+            quantization: Quantization::Dependent,
             eps: 1e-3,
             sampling: Sampling::from_ratio(0.05).unwrap(),
             seed: 99,
@@ -377,31 +334,34 @@ mod tests {
             correction: Some(0.19),
         };
         let bytes = write_coding(&coding);
-        assert_eq!(read_coding(reader(&bytes), 3, true).unwrap(), coding);
+        assert_eq!(read_coding(reader(&bytes), 3, 4).unwrap(), coding);
         for (at, value) in [(0, 2), (1, 0), (2, 0), (3, 2), (6, 2), (7, 2)] {
             let mut bad = bytes.clone();
             bad[at] = value;
-            assert!(read_coding(reader(&bad), 3, true).is_err(), "byte {at} = {value}");
+            assert!(read_coding(reader(&bad), 3, 4).is_err(), "byte {at} = {value}");
         }
         let nan = Coding { eps: f64::NAN, ..coding.clone() };
-        assert!(read_coding(reader(&write_coding(&nan)), 3, true).is_err());
+        assert!(read_coding(reader(&write_coding(&nan)), 3, 4).is_err());
         let zero = Coding { steps: vec![0.1, 0.0, 0.1], ..coding.clone() };
-        assert!(read_coding(reader(&write_coding(&zero)), 3, true).is_err());
+        assert!(read_coding(reader(&write_coding(&zero)), 3, 4).is_err());
         // Drafts before the third have no exact zeros, and end before the correction step.
-        let plain = Coding { zeros: false, correction: None, ..coding.clone() };
+        let plain = Coding { quantization: Quantization::Scalar, zeros: false, correction: None, ..coding.clone() };
         let old = write_coding(&plain);
-        assert_eq!(read_coding(reader(&old[..old.len() - 4]), 3, false).unwrap(), plain);
-        assert!(read_coding(reader(&bytes[..bytes.len() - 4]), 3, false).is_err());
-        assert!(read_coding(reader(&old), 3, false).is_err());
-        assert_eq!(read_coding(reader(&old), 3, true).unwrap(), plain);
+        assert_eq!(read_coding(reader(&old[..old.len() - 4]), 3, 2).unwrap(), plain);
+        let zeros = write_coding(&Coding { zeros: true, ..plain.clone() });
+        assert!(read_coding(reader(&zeros[..zeros.len() - 4]), 3, 2).is_err());
+        assert!(read_coding(reader(&old), 3, 2).is_err());
+        assert_eq!(read_coding(reader(&old), 3, 3).unwrap(), plain);
+        // Dependent quantisation came with the fourth.
+        assert!(read_coding(reader(&bytes), 3, 3).is_err());
         for step in [-0.0, -0.1, 1e-13, 1e7, f32::NAN] {
             let bad = Coding { correction: Some(step), ..coding.clone() };
-            assert!(read_coding(reader(&write_coding(&bad)), 3, true).is_err(), "{step}");
+            assert!(read_coding(reader(&write_coding(&bad)), 3, 4).is_err(), "{step}");
         }
     }
 
     #[test]
-    fn partitions_and_probabilities_round_trip() {
+    fn partitions_round_trip() {
         let grid = Grid::merl();
         let tiled = Partition::tiled(grid.shape(), [1, 45, 90, 180], vec![[1, 15, 15, 15], [1, 9, 9, 36]], vec![1, 0]);
         for partition in [tiled.unwrap(), Partition::uniform(grid.shape(), [1, 15, 15, 15]).unwrap()] {
@@ -411,27 +371,5 @@ mod tests {
                 assert!(read_partition(reader(&bytes[..cut]), &grid).is_err());
             }
         }
-        let codes: Vec<Option<u8>> = (0..77).map(|i| (i % 3 > 0).then_some(i * 3)).collect();
-        let bytes = write_probabilities(&codes);
-        let probabilities: Vec<u16> = codes.iter().map(|code| code.map_or(1 << 15, decode_probability)).collect();
-        assert_eq!(read_probabilities(reader(&bytes), 77, true).unwrap(), probabilities);
-        assert!(read_probabilities(reader(&bytes), 78, true).is_err());
-    }
-
-    /// Codes of spec section 3.5; the values were computed with Python's `round(32768 * 2 ** (-c / 12))`.
-    #[test]
-    fn probabilities_have_codes() {
-        let expected =
-            [(0, 32768), (1, 30929), (12, 16384), (100, 102), (127, 21), (128, 32768), (129, 34607), (255, 65515)];
-        for (code, probability) in expected {
-            assert_eq!(decode_probability(code), probability, "{code}");
-        }
-        for code in 1..=255u8 {
-            let back = encode_probability(f64::from(decode_probability(code)) / 65536.0);
-            assert!(decode_probability(back).abs_diff(decode_probability(code)) <= 1, "{code} {back}");
-        }
-        // Drafts 1 and 2.
-        assert_eq!(read_probabilities(reader(&[3, 0, 5, 7, 0, 1, 2]), 3, false).unwrap(), [7, 1 << 15, 513]);
-        assert!(read_probabilities(reader(&[1, 0, 1, 0, 0]), 1, false).is_err());
     }
 }

@@ -1,6 +1,7 @@
 //! The section GRAZ (spec section 3.9): the coded tables of the grazing profile.
 
 use crate::bits::ByteReader;
+use crate::dependent::Quantization;
 use crate::entropy::{self, MAX_MAGNITUDE, Walk};
 use crate::error::Result;
 use crate::format::{MAX_BLOCK_AXIS, STEP_RANGE, check_block};
@@ -87,7 +88,7 @@ impl CodedProfile {
             let shape = [1, 1, bins[t / 2], self.knots];
             let n = shape[2] * shape[3];
             let mut coefficients = vec![0; channels * n];
-            walk.code(&mut decoder, shape, &mut coefficients, &mut extents)
+            walk.code(&mut decoder, Quantization::Scalar, shape, &mut coefficients, &mut extents)
                 .map_err(|_| "an extent or a coefficient is out of range")?;
             *table = coefficients.iter().map(|&q| dequantize_mean(self.step, q)).collect();
             for (c, values) in table.chunks_exact_mut(n).enumerate() {

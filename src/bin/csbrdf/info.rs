@@ -92,7 +92,8 @@ fn report(contents: &Contents) -> String {
     };
     let steps: Vec<String> = steps.iter().map(f32::to_string).collect();
     let shrink = coding.shrink.map(|s| f64::from(s) / 256.0);
-    line("quantiser", &format!("step {}, shrink {:.3} and {:.3} of it", steps.join(", "), shrink[0], shrink[1]));
+    let (quantization, steps) = (coding.quantization.as_str(), steps.join(", "));
+    line("quantiser", &format!("{quantization}, step {steps}, shrink {:.3} and {:.3} of it", shrink[0], shrink[1]));
     let ratio = coding.sampling.ratio();
     let sampling = match ratio >= 1.0 {
         true => "every valid entry".into(),

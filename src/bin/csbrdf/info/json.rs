@@ -39,6 +39,7 @@ pub fn object(contents: &Contents, with_blocks: bool) -> Value {
             "eps": coding.eps,
             "basis": coding.basis.as_str(),
             "channels": transform_name(&coding.transform),
+            "quantization": coding.quantization.as_str(),
             "steps": coding.steps,
             "shrink": coding.shrink.map(|s| f64::from(s) / 256.0),
             "sampling": coding.sampling.ratio(),
