@@ -53,9 +53,11 @@ impl Block {
 pub struct Partition {
     grid: [usize; 4],
     tile: [usize; 4],
+    by_tile: [Divisor; 4],
     /// Tiles along each axis.
     tiles: [usize; 4],
     shapes: Vec<[usize; 4]>,
+    by_shape: Vec<[Divisor; 4]>,
     /// Shape number of each tile.
     tile_shape: Vec<u8>,
     /// Number of the first block of each tile, then the number of blocks.
@@ -64,6 +66,23 @@ pub struct Partition {
 
 fn div_ceil(a: [usize; 4], b: [usize; 4]) -> [usize; 4] {
     std::array::from_fn(|i| a[i].div_ceil(b[i]))
+}
+
+/// Divides positions on an axis, below 2^16, by a length of at most 2^16: look-ups would wait for a dozen divisions each.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Divisor(u64);
+
+impl Divisor {
+    fn new(length: usize) -> Divisor {
+        Divisor((1u64 << 32).div_ceil(length as u64))
+    }
+
+    /// The quotient, rounded down. What the reciprocal is too large by comes to less than 2^-16 in the quotient, and that is a
+    /// length's share away from the next integer.
+    #[inline(always)]
+    fn divide(self, position: usize) -> usize {
+        ((position as u64 * self.0) >> 32) as usize
+    }
 }
 
 /// Index of a four-axis coordinate, last axis fastest.
@@ -131,7 +150,8 @@ impl Partition {
         if tile_shape.len() != tiles.iter().product::<usize>() {
             return bad(format!("{} tile shapes for {tiles:?} tiles", tile_shape.len()));
         }
-        let mut partition = Partition { grid, tile, tiles, shapes, tile_shape, first: vec![0] };
+        let (by_tile, by_shape) = (tile.map(Divisor::new), shapes.iter().map(|s| s.map(Divisor::new)).collect());
+        let mut partition = Partition { grid, tile, by_tile, tiles, shapes, by_shape, tile_shape, first: vec![0] };
         let mut blocks = 0;
         for t in 0..partition.tile_shape.len() {
             if usize::from(partition.tile_shape[t]) >= partition.shapes.len() {
@@ -217,6 +237,47 @@ impl Partition {
         lengths
     }
 
+    /// Cuts planes of the grid into the rows of the blocks, by block: those of the first plane, then of the next, each in the
+    /// order of the block's positions. Threads can then fill blocks without waiting for each other.
+    pub(crate) fn rows_by_block<'a, T>(&self, planes: &'a mut [T]) -> Vec<Vec<&'a mut [T]>> {
+        let positions: usize = self.grid.iter().product();
+        let row_count = |block: usize| {
+            let rows: usize = self.block(block).map_or(0, |block| block.shape[..3].iter().product());
+            rows * (planes.len() / positions)
+        };
+        let mut blocks: Vec<Vec<&mut [T]>> =
+            (0..self.block_count()).map(|block| Vec::with_capacity(row_count(block))).collect();
+        // Of each tile: its box, the shape of its blocks, and how many there are along each axis.
+        let tiles: Vec<(Block, [usize; 4], [usize; 4])> = (0..self.tile_shape.len())
+            .map(|tile| {
+                let (bounds, shape) = (self.tile_box(tile), self.shape_of(tile));
+                (bounds, shape, div_ceil(bounds.shape, shape))
+            })
+            .collect();
+        let [n0, n1, n2, n3] = self.grid;
+        for (row, mut line) in planes.chunks_exact_mut(n3).enumerate() {
+            let [_, i, j, k] = unravel(row % (n0 * n1 * n2), [1, n0, n1, n2]);
+            let mut tile = self.tile_of([i, j, k, 0]);
+            while !line.is_empty() {
+                let (bounds, shape, counts) = &tiles[tile];
+                let at = [0, 1, 2, 3].map(|a| ([i, j, k, 0][a].saturating_sub(bounds.origin[a])) / shape[a]);
+                // Blocks of a tile along the last axis have numbers that follow each other.
+                let first = self.first[tile] as usize + linear(at, *counts);
+                let (of_tile, rest) = line.split_at_mut(bounds.shape[3]);
+                for (block, segment) in blocks[first..].iter_mut().zip(of_tile.chunks_mut(shape[3])) {
+                    block.push(segment);
+                }
+                line = rest;
+                tile += 1;
+            }
+        }
+        blocks
+    }
+
+    fn tile_of(&self, position: [usize; 4]) -> usize {
+        linear(std::array::from_fn(|i| position[i] / self.tile[i]), self.tiles)
+    }
+
     /// Place and shape of a block; `None` past the last one.
     pub fn block(&self, block: usize) -> Option<Block> {
         if block >= self.block_count() {
@@ -234,19 +295,41 @@ impl Partition {
 
     /// Block of a grid position and the position's index within it; `None` outside the grid.
     pub fn locate(&self, position: [usize; 4]) -> Option<(usize, usize)> {
+        self.find(position).map(|found| (found.block, linear(found.within, found.shape)))
+    }
+
+    /// Block of a grid position, the block's shape, and the place in it; `None` outside the grid.
+    #[inline]
+    pub(crate) fn find(&self, position: [usize; 4]) -> Option<Found> {
         if (0..4).any(|i| position[i] >= self.grid[i]) {
             return None;
         }
-        let tile = linear(std::array::from_fn(|i| position[i] / self.tile[i]), self.tiles);
-        let bounds = self.tile_box(tile);
-        let shape = self.shape_of(tile);
-        let inner: [usize; 4] = std::array::from_fn(|i| position[i] - bounds.origin[i]);
-        let at: [usize; 4] = std::array::from_fn(|i| inner[i] / shape[i]);
-        let within: [usize; 4] = std::array::from_fn(|i| inner[i] - at[i] * shape[i]);
-        let clipped = std::array::from_fn(|i| shape[i].min(bounds.shape[i] - at[i] * shape[i]));
-        let block = self.first[tile] as usize + linear(at, div_ceil(bounds.shape, shape));
-        Some((block, linear(within, clipped)))
+        let at: [usize; 4] = std::array::from_fn(|i| self.by_tile[i].divide(position[i]));
+        let tile = linear(at, self.tiles);
+        let number = usize::from(self.tile_shape[tile]);
+        let (full, by_shape) = (&self.shapes[number], &self.by_shape[number]);
+        let (mut block, mut within, mut shape) = (0, [0; 4], [1; 4]);
+        for i in 0..4 {
+            let origin = at[i] * self.tile[i];
+            let length = self.tile[i].min(self.grid[i] - origin);
+            let inner = position[i] - origin;
+            let across = by_shape[i].divide(inner);
+            within[i] = inner - across * full[i];
+            shape[i] = full[i].min(length - across * full[i]);
+            block = block * (by_shape[i].divide(length - 1) + 1) + across;
+        }
+        Some(Found { block: self.first[tile] as usize + block, shape, within })
     }
+}
+
+/// Where a position is.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Found {
+    pub(crate) block: usize,
+    /// Shape of the block.
+    pub(crate) shape: [usize; 4],
+    /// Place in the block.
+    pub(crate) within: [usize; 4],
 }
 
 /// All positions of a shape, last axis fastest.
@@ -282,6 +365,14 @@ mod tests {
         })
     }
 
+    #[test]
+    fn divisors_divide() {
+        for length in [1usize, 2, 3, 5, 7, 18, 90, 180, 255, 256, 257, 1024, 32767, 40000, 65535, 65536] {
+            let divisor = Divisor::new(length);
+            assert!((0..65536).all(|position| divisor.divide(position) == position / length), "{length}");
+        }
+    }
+
     proptest! {
         #[test]
         fn blocks_cover_every_position_once(partition in any_partition()) {
@@ -303,6 +394,22 @@ mod tests {
             }
             prop_assert!(owner.iter().all(Option::is_some));
             prop_assert_eq!(partition.block(partition.block_count()), None);
+        }
+
+        #[test]
+        fn rows_by_block_are_those_of_gather(partition in any_partition()) {
+            let n = partition.grid().iter().product::<usize>();
+            let mut planes: Vec<u32> = (0..2 * n as u32).collect();
+            let expected = planes.clone();
+            for (b, rows) in partition.rows_by_block(&mut planes).into_iter().enumerate() {
+                let block = partition.block(b).unwrap();
+                let mut values = vec![0; 2 * block.positions()];
+                for (plane, values) in expected.chunks_exact(n).zip(values.chunks_exact_mut(block.positions())) {
+                    block.gather(partition.grid(), plane, values);
+                }
+                prop_assert!(rows.iter().all(|row| row.len() == block.shape[3]));
+                prop_assert_eq!(rows.into_iter().map(|row| &*row).collect::<Vec<_>>().concat(), values);
+            }
         }
 
         #[test]

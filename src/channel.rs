@@ -43,6 +43,7 @@ impl ChannelTransform {
     }
 
     /// Components to log values, in place, each the sum over components in ascending order.
+    #[inline(always)]
     pub(crate) fn inverse(&self, planes: &mut [f32], channels: usize) {
         let ChannelTransform::Matrix(matrix) = self else { return };
         let n = planes.len() / channels;
@@ -50,10 +51,12 @@ impl ChannelTransform {
             // The common case, laid out so that it vectorises; the same sums in the same order.
             let (first, rest) = planes.split_at_mut(n);
             let (second, third) = rest.split_at_mut(n);
+            let m: [f32; 9] = std::array::from_fn(|i| matrix[i]);
             for ((a, b), c) in first.iter_mut().zip(second).zip(third) {
-                let x = [*a, *b, *c];
-                let sum = |ch: usize| (x[0] * matrix[ch] + x[1] * matrix[3 + ch]) + x[2] * matrix[6 + ch];
-                (*a, *b, *c) = (sum(0), sum(1), sum(2));
+                let [x, y, z] = [*a, *b, *c];
+                *a = (x * m[0] + y * m[3]) + z * m[6];
+                *b = (x * m[1] + y * m[4]) + z * m[7];
+                *c = (x * m[2] + y * m[5]) + z * m[8];
             }
             return;
         }

@@ -164,22 +164,43 @@ impl Taps {
 pub fn taps(grid: &Grid, coordinates: [f64; 4], lookup: Lookup) -> Taps {
     let mut taps = Taps { pairs: [(0, 1.0); 16], len: 1 };
     let padding = 4 - grid.axes().len();
-    for (axis, u) in grid.axes().iter().zip(&coordinates[padding..]) {
-        let (near, far, weight) = neighbours(axis, *u, lookup);
+    let around = neighbours(grid, coordinates, lookup);
+    for (axis, around) in grid.axes().iter().zip(&around[padding..]) {
         for i in 0..taps.len {
             let (row, share) = taps.pairs[i];
-            taps.pairs[i] = (row * axis.len + near, share * (1.0 - weight));
-            if weight > 0.0 {
-                taps.pairs[taps.len + i] = (row * axis.len + far, share * weight);
+            taps.pairs[i] = (row * axis.len + around.near, share * (1.0 - around.weight));
+            if around.weight > 0.0 {
+                taps.pairs[taps.len + i] = (row * axis.len + around.far, share * around.weight);
             }
         }
-        taps.len *= if weight > 0.0 { 2 } else { 1 };
+        taps.len *= if around.weight > 0.0 { 2 } else { 1 };
     }
     taps
 }
 
+/// The two bins around a coordinate of an axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Around {
+    pub(crate) near: usize,
+    /// 0 where its weight is.
+    pub(crate) far: usize,
+    /// Of the far one, in [0, 1).
+    pub(crate) weight: f64,
+}
+
+/// The bins around bin coordinates, padded in front like them.
+pub(crate) fn neighbours(grid: &Grid, coordinates: [f64; 4], lookup: Lookup) -> [Around; 4] {
+    let mut around = [Around { near: 0, far: 0, weight: 0.0 }; 4];
+    let padding = 4 - grid.axes().len();
+    for ((around, axis), u) in around[padding..].iter_mut().zip(grid.axes()).zip(&coordinates[padding..]) {
+        let (near, far, weight) = neighbours_on(axis, *u, lookup);
+        *around = Around { near, far, weight };
+    }
+    around
+}
+
 /// The two bins around coordinate `u` and the weight of the second, in [0, 1).
-fn neighbours(axis: &Axis, u: f64, lookup: Lookup) -> (usize, usize, f64) {
+fn neighbours_on(axis: &Axis, u: f64, lookup: Lookup) -> (usize, usize, f64) {
     let last = axis.len - 1;
     let u = if u.is_nan() { 0.0 } else { u.clamp(0.0, axis.len as f64) };
     if lookup == Lookup::Nearest {

@@ -6,6 +6,7 @@ use std::borrow::Cow;
 use std::sync::OnceLock;
 
 use crate::block::{Block, Partition, positions};
+use crate::channel::ChannelTransform;
 use crate::correct::{self, Decoded, correct};
 use crate::dependent::Quantization;
 use crate::entropy::{self, Walk};
@@ -19,7 +20,7 @@ use crate::format::probabilities::read_probabilities;
 use crate::format::profile::{CodedProfile, read_profile};
 use crate::format::record::{Record, ValidityClass};
 use crate::format::{Limits, MAX_BLOCK_VALUES, is_compact, may_double};
-use crate::fourier::{Extents, Synthesis};
+use crate::fourier::{Basis, Extents, Synthesis};
 use crate::grid::Grid;
 use crate::horizon::Horizon;
 use crate::mask::{self, MaskModel};
@@ -27,6 +28,7 @@ use crate::profile::Profile;
 use crate::quantize::{Quantizer, dequantize_mean};
 use crate::range::Decoder;
 use crate::sample::{MAX_DOUBLINGS, Sampling, block_seed, sample_positions};
+use crate::simd::{Level, Task};
 use crate::table::BrdfTable;
 use crate::tone::{inverse_tone_map, inverse_tone_map_f64};
 use crate::zeros::{self, code_zeros};
@@ -65,6 +67,7 @@ pub(crate) struct Header {
     pub(crate) partition: Partition,
     pub(crate) probabilities: Vec<u16>,
     synthesis: Synthesis,
+    level: Level,
     horizon: OnceLock<Option<Horizon>>,
     mask: OnceLock<MaskModel>,
     coded_profile: Option<CodedProfile>,
@@ -77,6 +80,8 @@ pub struct Scratch {
     coefficients: Vec<i32>,
     extents: Vec<Extents>,
     walk: Walk,
+    class: ValidityClass,
+    /// Empty where the class says enough and the values do not depend on them.
     masks: Vec<bool>,
     /// Exact zeros, `[channel][position]`; empty where the file tells none.
     zeros: Vec<bool>,
@@ -132,6 +137,7 @@ impl Header {
             partition,
             probabilities,
             synthesis,
+            level: Level::detect(),
             horizon: OnceLock::new(),
             mask: OnceLock::new(),
             coded_profile: None,
@@ -168,8 +174,12 @@ impl Header {
     ) -> Result<(), &'static str> {
         let n = block.positions();
         let channels = self.grid.channels().len();
-        self.decode_masks(block, class, decoder, &mut scratch.masks);
-        scratch.coefficients.clear();
+        scratch.class = class;
+        scratch.masks.clear();
+        // What is only predicted is left until someone asks.
+        if class != ValidityClass::Horizon || self.coding.zeros || self.coding.correction.is_some() {
+            self.decode_masks(block, class, decoder, &mut scratch.masks);
+        }
         scratch.coefficients.resize(channels * n, 0);
         if class == ValidityClass::None {
             scratch.extents.clear();
@@ -229,9 +239,9 @@ impl Header {
         if decoder.unread() > 0 {
             return Err("bytes are left over at its end");
         }
-        for (log, _) in scratch.log.iter_mut().zip(&scratch.zeros).filter(|(_, zero)| **zero) {
+        for (log, zero) in scratch.log.iter_mut().zip(&scratch.zeros) {
             // exp of it is zero, and so is the value.
-            *log = f32::NEG_INFINITY;
+            *log = if *zero { f32::NEG_INFINITY } else { *log };
         }
         Ok(())
     }
@@ -239,22 +249,31 @@ impl Header {
     /// Log values in `scratch.log`, before corrections, from the coefficients and extents in the scratch.
     fn synthesize(&self, block: &Block, means: &[i32], scratch: &mut Scratch) -> Result<(), &'static str> {
         let n = block.positions();
-        scratch.log.clear();
         scratch.log.resize(scratch.coefficients.len(), 0.0);
         for (component, values) in scratch.log.chunks_exact_mut(n).enumerate() {
+            if self.coding.basis == Basis::Dft {
+                values.fill(0.0);
+            }
             let step = self.coding.steps[component];
             let quantizer = Quantizer { step, shrink: self.coding.shrink.map(|s| f32::from(s) / 256.0) };
             let coefficients = &scratch.coefficients[component * n..(component + 1) * n];
             let extents = scratch.extents[component].map(|e| e.max(1));
             dequantize_within(block.shape, extents, coefficients, quantizer, values);
             values[0] = dequantize_mean(step, means[component]);
-            self.synthesis.synthesize(block.shape, extents, values, &mut scratch.lines);
+            self.synthesis.synthesize(self.level, block.shape, extents, values, &mut scratch.lines);
         }
         if let Some(profile) = self.profile()? {
-            profile.add(block, &mut scratch.log);
+            profile.add(self.level, block, &mut scratch.log);
         }
-        self.coding.transform.inverse(&mut scratch.log, self.grid.channels().len());
+        let (transform, channels) = (&self.coding.transform, self.grid.channels().len());
+        self.level.run(ToChannels { transform, channels, values: &mut scratch.log });
         Ok(())
+    }
+
+    /// BRDF values in place of the log values in the scratch.
+    fn values<'a>(&self, scratch: &'a mut Scratch) -> &'a [f32] {
+        self.level.run(InverseToneMap { eps: self.coding.eps as f32, values: &mut scratch.log });
+        &scratch.log
     }
 
     /// What [`Header::rebuild`] gives before corrections and zeros, of coefficients and extents that are not coded yet.
@@ -274,12 +293,39 @@ impl Header {
         self.synthesize(block, means, scratch)
     }
 
-    /// Masks of all channels, `[channel][position]`, from what the scratch holds after a decode.
-    pub(crate) fn masks_of(&self, scratch: &Scratch) -> Vec<bool> {
+    /// Masks of all channels of the block that was decoded last, `[channel][position]`.
+    pub(crate) fn masks_of(&self, block: &Block, scratch: &Scratch) -> Vec<bool> {
         let channels = self.grid.channels().len();
-        let total = scratch.coefficients.len();
-        let copies = if scratch.masks.len() == total { 1 } else { channels };
-        scratch.masks.repeat(copies)
+        match scratch.class {
+            ValidityClass::Horizon => self.mask_model().predict(block).repeat(channels),
+            ValidityClass::MaskPerChannel => scratch.masks.clone(),
+            _ => scratch.masks.repeat(channels),
+        }
+    }
+}
+
+struct ToChannels<'a> {
+    transform: &'a ChannelTransform,
+    channels: usize,
+    values: &'a mut [f32],
+}
+
+impl Task for ToChannels<'_> {
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        self.transform.inverse(self.values, self.channels);
+    }
+}
+
+struct InverseToneMap<'a> {
+    eps: f32,
+    values: &'a mut [f32],
+}
+
+impl Task for InverseToneMap<'_> {
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        self.values.iter_mut().for_each(|value| *value = inverse_tone_map(*value, self.eps));
     }
 }
 
@@ -472,10 +518,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
             return Err(Error::InvalidArgument(format!("block {block} has {expected} values, not {}", out.len())));
         }
         self.decode_log(block, scratch)?;
-        let eps = self.header.coding.eps as f32;
-        for (value, &log) in out.iter_mut().zip(&scratch.log) {
-            *value = inverse_tone_map(log, eps);
-        }
+        out.copy_from_slice(self.header.values(scratch));
         Ok(())
     }
 
@@ -574,11 +617,12 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
     /// `Corrupt` if a record is damaged, `LimitExceeded` if the table is above the caller's limit.
     pub fn decode_all(&self) -> Result<Vec<f32>> {
         let mut values = vec![0f32; self.check_table_size()?];
-        let eps = self.header.coding.eps as f32;
-        self.for_each_batch(
-            |_, scratch| scratch.log.iter().map(|&log| inverse_tone_map(log, eps)).collect::<Vec<f32>>(),
-            |batch| self.scatter(batch.iter().map(|(place, block)| (place, &block[..])), &mut values),
-        )?;
+        let blocks = self.partition().rows_by_block(&mut values);
+        for_each_block(blocks, |scratch, block, rows| {
+            self.decode_log(block, scratch)?;
+            copy_rows(rows, self.header.values(scratch));
+            Ok(())
+        })?;
         Ok(values)
     }
 
@@ -591,59 +635,21 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
         let mut values = vec![0f64; size];
         let mut valid = vec![false; size];
         let eps = self.header.coding.eps;
-        let convert = |place: &Block, scratch: &Scratch| {
-            let mut block = Vec::with_capacity(scratch.log.len());
+        let partition = self.partition();
+        let blocks = partition.rows_by_block(&mut values).into_iter().zip(partition.rows_by_block(&mut valid));
+        for_each_block(blocks.collect(), |scratch, block, (values, valid)| {
+            let place = self.decode_log(block, scratch)?;
+            let mut decoded = Vec::with_capacity(scratch.log.len());
             for (log, channel) in scratch.log.chunks_exact(place.positions()).zip(self.grid().channels()) {
                 // The scale is mostly below 1: what the tone map saturated would overflow again.
                 let unscale = |log: f32| (inverse_tone_map_f64(log, eps) / channel.scale).min(f64::MAX);
-                block.extend(log.iter().map(|&log| unscale(log)));
+                decoded.extend(log.iter().map(|&log| unscale(log)));
             }
-            (block, self.header.masks_of(scratch))
-        };
-        self.for_each_batch(convert, |batch| {
-            self.scatter(batch.iter().map(|(place, (block, _))| (place, &block[..])), &mut values);
-            self.scatter(batch.iter().map(|(place, (_, masks))| (place, &masks[..])), &mut valid);
+            copy_rows(values, &decoded);
+            copy_rows(valid, &self.header.masks_of(&place, scratch));
+            Ok(())
         })?;
         BrdfTable::from_parts(self.grid().clone(), values, valid)
-    }
-
-    /// Rebuilds all blocks in batches of bounded memory: `convert` takes each block's log values out of the
-    /// scratch, in parallel; `store` takes the batches, in order.
-    fn for_each_batch<B: Send>(
-        &self,
-        convert: impl Fn(&Block, &Scratch) -> B + Sync + Send,
-        mut store: impl FnMut(&[(Block, B)]),
-    ) -> Result<()> {
-        for batch in self.batches() {
-            let decode = |scratch: &mut Scratch, block: usize| {
-                let place = self.decode_log(block, scratch)?;
-                Ok((place, convert(&place, scratch)))
-            };
-            store(&map_blocks(batch, decode)?);
-        }
-        Ok(())
-    }
-
-    /// All blocks in batches of bounded memory.
-    fn batches(&self) -> impl Iterator<Item = std::ops::Range<usize>> {
-        let largest = self.partition().largest_block() * self.grid().channels().len();
-        let (batch, count) = (((1 << 22) / largest).clamp(4, 64), self.block_count());
-        (0..count).step_by(batch).map(move |first| first..(first + batch).min(count))
-    }
-
-    /// Copies blocks, `[channel][position]`, into planes, a plane at a time on each thread.
-    fn scatter<'a, T: Copy + Send + Sync + 'a>(
-        &self,
-        blocks: impl Iterator<Item = (&'a Block, &'a [T])> + Clone + Send + Sync,
-        planes: &mut [T],
-    ) {
-        let shape = self.grid().shape();
-        for_each_plane(planes, self.grid().positions(), |channel, plane| {
-            for (place, values) in blocks.clone() {
-                let n = place.positions();
-                place.scatter(shape, &values[channel * n..(channel + 1) * n], plane);
-            }
-        });
     }
 
     /// Checks every byte: all sections' checksums and, block by block, that each record and what restores its bits decodes.
@@ -702,13 +708,74 @@ fn map_blocks<T>(blocks: std::ops::Range<usize>, work: impl Fn(&mut Scratch, usi
     blocks.map(|block| work(&mut scratch, block)).collect()
 }
 
+/// `work` on every block with what belongs to it; the first error ends it.
 #[cfg(feature = "parallel")]
-fn for_each_plane<T: Send>(planes: &mut [T], n: usize, work: impl Fn(usize, &mut [T]) + Sync + Send) {
+fn for_each_block<T: Send>(
+    blocks: Vec<T>,
+    work: impl Fn(&mut Scratch, usize, T) -> Result<()> + Sync + Send,
+) -> Result<()> {
     use rayon::prelude::*;
-    planes.par_chunks_mut(n).enumerate().for_each(|(channel, plane)| work(channel, plane));
+    let with_scratch = |scratch: &mut Scratch, (block, target)| work(scratch, block, target);
+    blocks.into_par_iter().enumerate().with_max_len(1).try_for_each_init(Scratch::default, with_scratch)
 }
 
 #[cfg(not(feature = "parallel"))]
-fn for_each_plane<T>(planes: &mut [T], n: usize, work: impl Fn(usize, &mut [T])) {
-    planes.chunks_mut(n).enumerate().for_each(|(channel, plane)| work(channel, plane));
+fn for_each_block<T>(blocks: Vec<T>, work: impl Fn(&mut Scratch, usize, T) -> Result<()>) -> Result<()> {
+    let mut scratch = Scratch::default();
+    blocks.into_iter().enumerate().try_for_each(|(block, target)| work(&mut scratch, block, target))
+}
+
+/// Copies the values of a block into its rows.
+fn copy_rows<T: Copy>(rows: Vec<&mut [T]>, values: &[T]) {
+    let mut left = values;
+    for row in rows {
+        let (values, rest) = left.split_at(row.len());
+        row.copy_from_slice(values);
+        left = rest;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn golden() -> Vec<(String, Vec<u8>)> {
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/v1");
+        let mut files: Vec<_> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+        files.retain(|path| path.extension().is_some_and(|e| e == "csbrdf"));
+        files.sort();
+        assert!(files.len() > 20);
+        files.into_iter().map(|path| (path.display().to_string(), std::fs::read(path).unwrap())).collect()
+    }
+
+    fn bits(values: &[f32]) -> Vec<u32> {
+        values.iter().map(|v| v.to_bits()).collect()
+    }
+
+    /// The vector instructions of this machine and those of every machine give the same bits.
+    #[test]
+    fn every_level_gives_the_same_bits() {
+        for (name, bytes) in golden() {
+            let mut reader = Reader::open(bytes).unwrap();
+            let best = bits(&reader.decode_all().unwrap());
+            reader.header.level = Level::baseline();
+            assert!(bits(&reader.decode_all().unwrap()) == best, "{name}");
+        }
+    }
+
+    /// Buffers hold what the block before left, of another shape or file: nothing of it comes through.
+    #[test]
+    fn what_a_scratch_holds_does_not_matter() {
+        let mut stale = Scratch::default();
+        for (name, bytes) in golden() {
+            let reader = Reader::open(bytes).unwrap();
+            for block in (0..reader.block_count()).rev() {
+                let mut fresh = vec![0.0; reader.block_values(block).unwrap()];
+                reader.block_into(block, &mut fresh).unwrap();
+                let mut values = vec![f32::NAN; fresh.len()];
+                reader.block_with(block, &mut stale, &mut values).unwrap();
+                assert!(bits(&values) == bits(&fresh), "{name}, block {block}");
+            }
+        }
+    }
 }

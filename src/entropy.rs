@@ -129,13 +129,40 @@ impl Surroundings {
     }
 }
 
-/// Scratch of the walk: magnitudes capped at 255, padded so that every neighbour exists.
+/// What contexts need to know of a channel: padded so that every neighbour exists, and zero wherever no row was coded.
+#[derive(Debug, Default)]
+struct Coded {
+    /// Magnitudes, or indices, capped at 255.
+    magnitudes: Vec<u8>,
+    /// Whether the row holds any nonzero.
+    rows: Vec<u8>,
+    /// Rows that were coded, and where their magnitudes are.
+    touched: Vec<(usize, std::ops::Range<usize>)>,
+}
+
+impl Coded {
+    /// All zero again, at the cost of what was coded.
+    fn clear(&mut self) {
+        for (row, magnitudes) in self.touched.drain(..) {
+            self.rows[row] = 0;
+            self.magnitudes[magnitudes].fill(0);
+        }
+    }
+
+    /// For a block whose padded rows have a length.
+    fn reserve(&mut self, rows: usize, length: usize) {
+        self.clear();
+        self.rows.resize(rows.max(self.rows.len()), 0);
+        self.magnitudes.resize((rows * length).max(self.magnitudes.len()), 0);
+    }
+}
+
+/// Scratch of the walk.
 #[derive(Debug, Default)]
 pub(crate) struct Walk {
-    magnitudes: Vec<u8>,
-    sister: Vec<u8>,
-    rows: Vec<u8>,
-    sister_rows: Vec<u8>,
+    now: Coded,
+    /// Of the channel before.
+    sister: Coded,
 }
 
 /// A decoded extent or magnitude that no coded block holds.
@@ -143,8 +170,8 @@ pub(crate) struct Walk {
 pub(crate) struct OutOfRange;
 
 impl Walk {
-    /// Codes the coefficients of all channels, `[channel][position]`; a decoder finds them zero and leaves them
-    /// filled. Gives each channel's extents (all zero for none), the first coefficient left aside.
+    /// Codes the coefficients of all channels, `[channel][position]`; a decoder writes those below the extents and leaves the
+    /// others alone. Gives each channel's extents (all zero for none), the first coefficient left aside.
     pub(crate) fn code<C: Coder>(
         &mut self,
         coder: &mut C,
@@ -167,24 +194,15 @@ impl Walk {
         rows: &mut impl Rows,
     ) -> Result<(), OutOfRange> {
         let [n0, n1, n2, n3] = shape;
-        let padded = (n0 + 1) * (n1 + 1) * (n2 + 2) * (n3 + 3);
-        let padded_rows = (n0 + 1) * (n1 + 1) * (n2 + 2);
-        for buffer in [&mut self.magnitudes, &mut self.sister] {
-            buffer.clear();
-            buffer.resize(padded, 0);
-        }
-        for buffer in [&mut self.rows, &mut self.sister_rows] {
-            buffer.clear();
-            buffer.resize(padded_rows, 0);
-        }
+        let rows_padded = (n0 + 1) * (n1 + 1) * (n2 + 2);
+        self.now.reserve(rows_padded, n3 + 3);
+        self.sister.reserve(rows_padded, n3 + 3);
         extents.clear();
         let n: usize = shape.iter().product();
         for (channel, plane) in coefficients.chunks_exact_mut(n).enumerate() {
             if channel > 0 {
-                std::mem::swap(&mut self.magnitudes, &mut self.sister);
-                std::mem::swap(&mut self.rows, &mut self.sister_rows);
-                self.magnitudes.fill(0);
-                self.rows.fill(0);
+                std::mem::swap(&mut self.now, &mut self.sister);
+                self.now.clear();
             }
             extents.push(match quantization {
                 Quantization::Scalar => self.channel::<_, false>(coder, channel, shape, plane, rows)?,
@@ -203,7 +221,7 @@ impl Walk {
         chooser: &mut impl Rows,
     ) -> Result<Extents, OutOfRange> {
         let class = channel.min(CHANNEL_CLASSES - 1);
-        let found = find_extents(shape, plane);
+        let found = if C::READS { [0; 4] } else { find_extents(shape, plane) };
         if !coder.bit(ANY + class, found[0] > 0) {
             return Ok([0; 4]);
         }
@@ -223,11 +241,12 @@ impl Walk {
                     let start = ((i * n1 + j) * n2 + k) * n3;
                     let line = &mut plane[start..start + n3];
                     let first = usize::from(start == 0);
-                    let near = self.rows[row - 1] + self.rows[row - rows[1]];
-                    let around = self.rows[row - rows[1] + 1] + self.rows[row - rows[0]];
+                    let coded = &self.now.rows;
+                    let near = coded[row - 1] + coded[row - rows[1]];
+                    let around = coded[row - rows[1] + 1] + coded[row - rows[0]];
                     let context = ROW
                         + ((class * 3 + usize::from(near)) * 3 + usize::from(around)) * 3
-                        + usize::from(self.sister_rows[row] + u8::from(channel == 0) * 2);
+                        + usize::from(self.sister.rows[row] + u8::from(channel == 0) * 2);
                     let line = &mut line[..extents[3]];
                     let neighbours = &Neighbours {
                         above: row_len,
@@ -240,11 +259,15 @@ impl Walk {
                     let about =
                         Row { walk: self, start: at, neighbours, channel, position: start, first, any: context };
                     chooser.choose(&about, line);
-                    let any = line[first..].iter().any(|&q| q != 0);
+                    if C::READS {
+                        line.fill(0);
+                    }
+                    let any = !C::READS && line[first..].iter().any(|&q| q != 0);
                     if !coder.bit(context, any) {
                         continue;
                     }
-                    self.rows[row] = 1;
+                    self.now.rows[row] = 1;
+                    self.now.touched.push((row, at..at + line.len()));
                     self.row::<_, DEPENDENT>(coder, channel, line, first, at, neighbours)?;
                 }
             }
@@ -265,7 +288,7 @@ impl Walk {
         let mut state = State::default();
         for (l, place) in line.iter_mut().enumerate().skip(first) {
             let at = start + l;
-            let before = [at - 1, at - 2].map(|before| u32::from(self.magnitudes[before]));
+            let before = [at - 1, at - 2].map(|before| u32::from(self.now.magnitudes[before]));
             let surroundings = self.surroundings(channel, at, l, n).after(before[0], before[1]);
             let q = *place;
             if !coder.bit(surroundings.significant(state), q != 0) {
@@ -282,7 +305,7 @@ impl Walk {
             }
             let negative = coder.raw(u32::from(q < 0), 1) == 1;
             *place = if negative { -(magnitude as i32) } else { magnitude as i32 };
-            self.magnitudes[at] = index.min(255) as u8;
+            self.now.magnitudes[at] = index.min(255) as u8;
             if DEPENDENT {
                 state = state.after(index);
             }
@@ -293,7 +316,7 @@ impl Walk {
     /// Of a coefficient, by its place in the padded magnitudes and on its row.
     #[inline(always)]
     fn surroundings(&self, channel: usize, at: usize, l: usize, n: &Neighbours) -> Surroundings {
-        let m = |offset: usize| u32::from(self.magnitudes[offset]);
+        let m = |offset: usize| u32::from(self.now.magnitudes[offset]);
         Surroundings {
             class: channel.min(CHANNEL_CLASSES - 1),
             place: ((n.frequency + 4 * l) / n.total).min(POSITIONS - 1),
@@ -302,7 +325,7 @@ impl Walk {
                 + m(at - n.before + 1)
                 + m(at - n.before + n.above)
                 + m(at - n.outer),
-            sister: u32::from(self.sister[at]),
+            sister: u32::from(self.sister.magnitudes[at]),
         }
     }
 }

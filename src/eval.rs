@@ -2,33 +2,39 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use crate::block::unravel;
-use crate::coords::{Lookup, grid_coordinates, taps};
+use arc_swap::ArcSwapOption;
+
+use crate::coords::{Around, Lookup, grid_coordinates, neighbours};
 use crate::decode::{Reader, Scratch};
 use crate::error::{Error, Result};
 
-/// Most blocks and values kept unless the caller says otherwise: 64 MB at most, 2.8 MB for 6 x 10 x 60 x 3.
-const DEFAULT_BLOCKS: usize = 64;
-const DEFAULT_VALUES: usize = 1 << 24;
+/// Bytes of decoded blocks that are kept unless the caller says otherwise.
+const DEFAULT_BYTES: usize = 64 << 20;
+
+/// Channels whose sums fit on the stack.
+const MAX_STACK: usize = 16;
 
 /// A decoded block.
 struct Cached {
     block: usize,
+    /// `[position][channel]`: a look-up wants all channels of few positions.
     values: Vec<f32>,
 }
 
 /// Evaluates a file at directions; rebuilds blocks when first touched and keeps some of them.
 ///
-/// Shared between threads by reference: each block has one place in the cache, locked for the moment of a look-up.
+/// Shared between threads by reference: finding a block in the cache takes no lock.
 pub struct Brdf<D> {
     reader: Reader<D>,
     lookup: Lookup,
     /// Direct-mapped: block b lives at b modulo the length.
-    cache: Vec<Mutex<Option<Arc<Cached>>>>,
+    cache: Vec<ArcSwapOption<Cached>>,
+    /// Buffers of decodes, one for each that ever went on at the same time.
+    scratch: Mutex<Vec<Scratch>>,
 }
 
 impl<D: AsRef<[u8]>> Brdf<D> {
-    /// An evaluator with linear lookup and a cache of 64 blocks, fewer if they are large.
+    /// An evaluator with linear lookup and a cache of 64 MiB.
     ///
     /// # Errors
     /// `InvalidArgument` if the axes of the file are not angles of directions.
@@ -38,9 +44,8 @@ impl<D: AsRef<[u8]>> Brdf<D> {
             let names: Vec<_> = reader.grid().axes().iter().map(|a| a.name.as_str()).collect();
             return Err(Error::InvalidArgument(format!("axes {names:?} do not say how directions map to the grid")));
         }
-        let largest = reader.partition().largest_block() * reader.grid().channels().len();
-        let blocks = DEFAULT_BLOCKS.min(DEFAULT_VALUES / largest);
-        Ok(Brdf { reader, lookup: Lookup::Linear, cache: Vec::new() }.with_cache(blocks))
+        let brdf = Brdf { reader, lookup: Lookup::Linear, cache: Vec::new(), scratch: Mutex::default() };
+        Ok(brdf.with_cache_bytes(DEFAULT_BYTES))
     }
 
     /// The same with another lookup: nearest bin, or linear between bin centres.
@@ -48,11 +53,18 @@ impl<D: AsRef<[u8]>> Brdf<D> {
         Brdf { lookup, ..self }
     }
 
-    /// The same with a cache of about `blocks` blocks, at least one.
+    /// The same with a cache that holds at most so many bytes of decoded blocks, but always one block.
+    pub fn with_cache_bytes(self, bytes: usize) -> Brdf<D> {
+        let largest = self.reader.partition().largest_block() * self.reader.grid().channels().len();
+        self.with_cache(bytes / (largest * size_of::<f32>()))
+    }
+
+    /// The same with a cache of at most `blocks` blocks, at least one.
     pub fn with_cache(self, blocks: usize) -> Brdf<D> {
         // An odd length keeps neighbours along the slower axes, often powers of two apart, from sharing a place.
-        let length = (blocks | 1).clamp(1, self.reader.block_count());
-        Brdf { cache: (0..length).map(|_| Mutex::new(None)).collect(), ..self }
+        let odd = blocks.saturating_sub(1) | 1;
+        let length = if blocks < self.reader.block_count() { odd } else { self.reader.block_count() };
+        Brdf { cache: (0..length).map(|_| ArcSwapOption::empty()).collect(), ..self }
     }
 
     /// The file.
@@ -83,44 +95,104 @@ impl<D: AsRef<[u8]>> Brdf<D> {
         }
         value.fill(0.0);
         let Some(coordinates) = grid_coordinates(grid, wi, wo) else { return Ok(()) };
-        let shape = grid.shape();
-        let mut held: Option<Arc<Cached>> = None;
-        for &(position, weight) in taps(grid, coordinates, self.lookup).as_slice() {
-            let Some((block, index)) = self.reader.partition().locate(unravel(position, shape)) else { continue };
-            let cached = match held.take() {
-                Some(cached) if cached.block == block => cached,
-                _ => self.block(block)?,
-            };
-            let n = cached.values.len() / channels;
-            for (c, sum) in value.iter_mut().enumerate() {
-                *sum += cached.values[c * n + index] * weight as f32;
-            }
-            held = Some(cached);
-        }
+        self.sum(&neighbours(grid, coordinates, self.lookup), value)?;
         // Weights sum to one only up to rounding, and saturated values stand at the largest finite number.
         value.iter_mut().for_each(|v| *v = v.min(f32::MAX));
         Ok(())
     }
 
-    fn block(&self, block: usize) -> Result<Arc<Cached>> {
-        let slot = &self.cache[block % self.cache.len()];
-        // A poisoned lock holds a complete entry: entries are replaced whole.
-        let found = slot.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        if let Some(cached) = found.filter(|cached| cached.block == block) {
-            return Ok(cached);
+    /// Adds the weighted values of the bins around a place, at most sixteen.
+    fn sum(&self, around: &[Around; 4], value: &mut [f32]) -> Result<()> {
+        // Axes on which the far bin counts, and is not in the block of the near one.
+        let near = around.map(|a| a.near);
+        let Some(found) = self.reader.partition().find(near) else { return Ok(()) };
+        let mut strides = [0; 4];
+        let mut stride = 1;
+        let mut index = 0;
+        let mut leaves = [false; 4];
+        for a in (0..4).rev() {
+            let Around { near, far, weight } = around[a];
+            index += found.within[a] * stride;
+            leaves[a] = weight > 0.0 && (far != near + 1 || found.within[a] + 1 >= found.shape[a]);
+            strides[a] = stride;
+            stride *= found.shape[a];
         }
-        let mut values = vec![0.0; self.reader.block_values(block)?];
-        self.reader.block_with(block, &mut Scratch::default(), &mut values)?;
-        let cached = Arc::new(Cached { block, values });
-        *slot.lock().unwrap_or_else(PoisonError::into_inner) = Some(cached.clone());
-        Ok(cached)
+        if let Some(a) = leaves.iter().position(|leaves| *leaves) {
+            // Both sides of the edge, each with its share.
+            let [mut below, mut above] = [*around; 2];
+            let Around { near, far, weight } = around[a];
+            (below[a], above[a]) = (Around { near, far: 0, weight: 0.0 }, Around { near: far, far: 0, weight: 0.0 });
+            let mut side = [0f32; MAX_STACK];
+            let mut heap = Vec::new();
+            let side = if value.len() <= MAX_STACK {
+                &mut side[..value.len()]
+            } else {
+                heap.resize(value.len(), 0.0);
+                &mut heap[..]
+            };
+            for (around, share) in [(below, 1.0 - weight), (above, weight)] {
+                side.fill(0.0);
+                self.sum(&around, side)?;
+                value.iter_mut().zip(&*side).for_each(|(value, side)| *value += side * share as f32);
+            }
+            return Ok(());
+        }
+        self.with_block(found.block, |values| {
+            // The axes on which two bins count.
+            let mut taps = [(index, 1f32); 16];
+            let mut count = 1;
+            for a in 0..4 {
+                let weight = around[a].weight as f32;
+                if weight > 0.0 {
+                    for i in 0..count {
+                        let (index, share) = taps[i];
+                        taps[i].1 = share * (1.0 - weight);
+                        taps[count + i] = (index + strides[a], share * weight);
+                    }
+                    count *= 2;
+                }
+            }
+            for &(index, share) in &taps[..count] {
+                let at = &values[index * value.len()..][..value.len()];
+                value.iter_mut().zip(at).for_each(|(sum, v)| *sum += v * share);
+            }
+        })
+    }
+
+    /// Calls `work` with the values of a block, decoded if they are not in the cache.
+    fn with_block(&self, block: usize, work: impl FnOnce(&[f32])) -> Result<()> {
+        let slot = &self.cache[block % self.cache.len()];
+        let found = slot.load();
+        if let Some(cached) = found.as_ref().filter(|cached| cached.block == block) {
+            work(&cached.values);
+            return Ok(());
+        }
+        let cached = self.decode(block)?;
+        work(&cached.values);
+        slot.store(Some(Arc::new(cached)));
+        Ok(())
+    }
+
+    fn decode(&self, block: usize) -> Result<Cached> {
+        let lock = || self.scratch.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut scratch = lock().pop().unwrap_or_default();
+        let mut planes = vec![0.0; self.reader.block_values(block)?];
+        let decoded = self.reader.block_with(block, &mut scratch, &mut planes);
+        lock().push(scratch);
+        decoded?;
+        let channels = self.reader.grid().channels().len();
+        let mut values = vec![0.0; planes.len()];
+        for (c, plane) in planes.chunks_exact(planes.len() / channels).enumerate() {
+            values[c..].iter_mut().step_by(channels).zip(plane).for_each(|(value, v)| *value = *v);
+        }
+        Ok(Cached { block, values })
     }
 }
 
 #[cfg(all(test, feature = "encode"))]
 mod tests {
     use super::*;
-    use crate::coords::{HalfDiff, directions};
+    use crate::coords::{HalfDiff, directions, taps};
     use crate::encode::Encoder;
     use crate::grid::{Axis, AxisName, Grid, Mapping};
     use crate::sample::SplitMix64;

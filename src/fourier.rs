@@ -11,6 +11,7 @@ pub mod forward;
 use std::sync::OnceLock;
 
 use crate::exact::cos_turn;
+use crate::simd::Level;
 
 #[cfg(feature = "encode")]
 pub use dft::partners;
@@ -99,11 +100,18 @@ impl Synthesis {
     }
 
     /// Replaces the coefficients in `values` by the values of the block; `scratch` is resized as needed.
-    pub(crate) fn synthesize(&self, shape: [usize; 4], extents: Extents, values: &mut [f32], scratch: &mut Vec<f32>) {
+    pub(crate) fn synthesize(
+        &self,
+        level: Level,
+        shape: [usize; 4],
+        extents: Extents,
+        values: &mut [f32],
+        scratch: &mut Vec<f32>,
+    ) {
         let axes = shape.map(|n| self.axis(n));
         match self.basis {
-            Basis::Dct => dct::synthesize(axes, extents, values, scratch),
-            Basis::Dft => dft::synthesize(axes, values, scratch),
+            Basis::Dct => level.run(dct::Synthesize { axes, extents, values, scratch }),
+            Basis::Dft => level.run(dft::Synthesize { axes, values, scratch }),
         }
     }
 }

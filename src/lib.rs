@@ -83,6 +83,7 @@ mod range;
 #[cfg(feature = "encode")]
 pub mod render;
 pub mod sample;
+mod simd;
 #[cfg(feature = "encode")]
 pub mod solve;
 pub mod table;

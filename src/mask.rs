@@ -1,6 +1,6 @@
 //! Validity masks of blocks, predicted from the horizon (spec section 4.8).
 
-use crate::block::{Block, positions};
+use crate::block::Block;
 use crate::horizon::Horizon;
 use crate::range::Coder;
 
@@ -26,19 +26,24 @@ impl MaskModel {
     fn bands(&self, block: &Block) -> Vec<u8> {
         let Some((horizon, threshold)) = &self.horizon else { return vec![BANDS as u8 - 1; block.positions()] };
         let half = (BANDS / 2) as f64;
-        positions(block.shape)
-            .map(|p| {
-                let above = horizon.elevation(std::array::from_fn(|a| block.origin[a] + p[a])) - threshold;
-                let band = (half + above / BAND).floor().clamp(0.0, 2.0 * half - 1.0);
-                // The quotient may round to zero where the difference is negative.
-                if above < 0.0 { band.min(half - 1.0) as u8 } else { band as u8 }
-            })
-            .collect()
+        let band = |elevation: f64| {
+            let above = elevation - threshold;
+            // Conversion rounds down what is not negative.
+            let band = (half + above / BAND).clamp(0.0, 2.0 * half - 1.0) as u8;
+            // The quotient may round to zero where the difference is negative.
+            if above < 0.0 { band.min(BANDS as u8 / 2 - 1) } else { band }
+        };
+        let mut bands = Vec::with_capacity(block.positions());
+        horizon.for_each(block, |elevation| bands.push(band(elevation)));
+        bands
     }
 
     /// The mask that the horizon alone predicts.
     pub(crate) fn predict(&self, block: &Block) -> Vec<bool> {
-        self.bands(block).iter().map(|&band| usize::from(band) >= BANDS / 2).collect()
+        let Some((horizon, threshold)) = &self.horizon else { return vec![true; block.positions()] };
+        let mut mask = Vec::with_capacity(block.positions());
+        horizon.for_each(block, |elevation| mask.push(elevation - threshold >= 0.0));
+        mask
     }
 
     /// Codes masks `[mask][position]` of a block; a decoder overwrites what it is given.

@@ -8,6 +8,7 @@ use crate::block::Block;
 use crate::exact::sin_cos;
 use crate::format::profile::{MAX_KNOTS, TABLES};
 use crate::grid::{AxisName, Grid};
+use crate::simd::{Level, Task};
 
 /// Tables of a profile and the angles of the grid that it is for.
 #[derive(Debug)]
@@ -15,10 +16,9 @@ pub(crate) struct Profile {
     knots: usize,
     /// Elevations times this are squares of the place among the knots.
     scale: f32,
-    components: usize,
     /// Over theta_h, the same for both directions and opposite for them; likewise over theta_d.
-    /// `[component][bin][knot]`.
-    tables: [Vec<f32>; TABLES],
+    /// `[group of components][bin][knot]`.
+    tables: [Vec<Lanes>; TABLES],
     /// (sin, cos) at the bin centres.
     theta_h: Vec<(f64, f64)>,
     theta_d: Vec<(f64, f64)>,
@@ -33,18 +33,32 @@ pub(crate) fn bins(grid: &Grid) -> Option<[usize; 2]> {
     fits.then(|| [grid.axes()[0].len, grid.axes()[1].len])
 }
 
-/// Place of a position's two directions among the knots: the knot below, and how far it is to the next.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Place {
-    /// Knots below for light and sensor; the number of knots less 1 where the profile is zero.
-    pub(crate) knot: [u8; 2],
-    pub(crate) fraction: [f32; 2],
+/// Place of a direction among the knots, of a root that [`Profile::roots`] gives: the knot below, the number of knots less 1
+/// where the profile is zero, and how far it is to the next.
+#[inline(always)]
+pub(crate) fn place(root: f32) -> (u8, f32) {
+    let knot = root as u8;
+    (knot, root - f32::from(knot))
 }
 
+/// A few components side by side: what a profile has at a knot, and how much more at the next.
+const LANES: usize = 4;
+type Lanes = [f32; LANES];
+type Knot = (Lanes, Lanes);
+
 impl Profile {
-    /// `None` unless the grid can have a profile.
+    /// Tables are `[component][bin][knot]`. `None` unless the grid can have a profile.
     pub(crate) fn new(grid: &Grid, knots: usize, zone: f32, tables: [Vec<f32>; TABLES]) -> Option<Profile> {
-        bins(grid)?;
+        let [bins_h, bins_d] = bins(grid)?;
+        let side_by_side = |table: usize| -> Vec<Lanes> {
+            let n = if table < 2 { bins_h } else { bins_d } * knots;
+            let mut lanes = vec![[0.0; LANES]; tables[table].len().div_ceil(LANES * n) * n];
+            for (i, value) in tables[table].iter().enumerate() {
+                let component = i / n;
+                lanes[component / LANES * n + i % n][component % LANES] = *value;
+            }
+            lanes
+        };
         let angles = |axis: usize| {
             let axis = &grid.axes()[axis];
             (0..axis.len).map(|i| sin_cos(axis.angle(i as f64 + 0.5)))
@@ -53,17 +67,18 @@ impl Profile {
         Some(Profile {
             knots,
             scale: last * last / zone,
-            components: grid.channels().len(),
-            tables,
+            tables: std::array::from_fn(side_by_side),
             theta_h: angles(0).collect(),
             theta_d: angles(1).collect(),
             phi_d: angles(2).map(|(_, cos)| cos as f32).collect(),
         })
     }
 
-    /// Places of the positions of a row along phi_d; none if the profile is zero on all of it.
-    pub(crate) fn places(&self, h: usize, d: usize, phi: std::ops::Range<usize>, out: &mut Vec<Place>) {
-        out.clear();
+    /// Square roots of the elevations of light and of sensor at the positions of a row along phi_d, in knots; none if the
+    /// profile is zero on all of it.
+    #[inline(always)]
+    pub(crate) fn roots(&self, h: usize, d: usize, phi: std::ops::Range<usize>, out: &mut [Vec<f32>; 2]) {
+        out.iter_mut().for_each(Vec::clear);
         let ((sin_h, cos_h), (sin_d, cos_d)) = (self.theta_h[h], self.theta_d[d]);
         let (middle, swing) = ((cos_h * cos_d) as f32, (sin_h * sin_d) as f32);
         let last = (self.knots - 1) as f32;
@@ -71,63 +86,103 @@ impl Profile {
         if ((middle - swing.abs()).max(0.0) * self.scale).sqrt() >= last {
             return;
         }
-        out.extend(self.phi_d[phi].iter().map(|cos| {
-            let mut place = Place::default();
-            for (side, elevation) in [middle - swing * cos, middle + swing * cos].into_iter().enumerate() {
-                let u = (elevation.max(0.0) * self.scale).sqrt().min(last);
-                place.knot[side] = u as u8;
-                place.fraction[side] = u - f32::from(place.knot[side]);
-            }
-            place
-        }));
+        let [light, sensor] = out;
+        light.resize(phi.len(), 0.0);
+        sensor.resize(phi.len(), 0.0);
+        for ((light, sensor), cos) in light.iter_mut().zip(sensor).zip(&self.phi_d[phi]) {
+            *light = ((middle - swing * cos).max(0.0) * self.scale).sqrt().min(last);
+            *sensor = ((middle + swing * cos).max(0.0) * self.scale).sqrt().min(last);
+        }
     }
 
     /// Adds the profile to the components of a block, `[component][position]`.
-    pub(crate) fn add(&self, block: &Block, values: &mut [f32]) {
+    pub(crate) fn add(&self, level: Level, block: &Block, values: &mut [f32]) {
+        level.run(Add { profile: self, block, values });
+    }
+
+    #[inline(always)]
+    fn add_inline(&self, block: &Block, values: &mut [f32]) {
         let [_, oh, od, op] = block.origin;
         let [_, nh, nd, np] = block.shape;
         let n = block.positions();
-        let mut places = Vec::new();
-        let mut sides = [[0f32; MAX_KNOTS + 1]; 2];
+        let mut roots = [Vec::new(), Vec::new()];
+        let mut sides = [[([0f32; LANES], [0f32; LANES]); MAX_KNOTS]; 2];
+        let mut sums: Vec<Lanes> = Vec::new();
         for i in 0..nh {
             for j in 0..nd {
-                self.places(oh + i, od + j, op..op + np, &mut places);
-                if places.is_empty() {
+                self.roots(oh + i, od + j, op..op + np, &mut roots);
+                if roots[0].is_empty() {
                     continue;
                 }
-                for component in 0..self.components {
-                    self.row(component, oh + i, od + j, &mut sides);
-                    let row = component * n + (i * nd + j) * np;
-                    for (value, place) in values[row..row + np].iter_mut().zip(&places) {
-                        let side = |s: usize| {
-                            let (knot, table) = (usize::from(place.knot[s]), &sides[s]);
-                            table[knot] + (table[knot + 1] - table[knot]) * place.fraction[s]
-                        };
-                        *value += side(0) + side(1);
+                let start = (i * nd + j) * np;
+                for (group, planes) in values.chunks_mut(LANES * n).enumerate() {
+                    self.row(group, oh + i, od + j, &mut sides);
+                    sums.resize(np, [0.0; LANES]);
+                    for ((sum, light), sensor) in sums.iter_mut().zip(&roots[0]).zip(&roots[1]) {
+                        let (light, sensor) = (interpolate(&sides[0], *light), interpolate(&sides[1], *sensor));
+                        for lane in 0..LANES {
+                            sum[lane] = light[lane] + sensor[lane];
+                        }
+                    }
+                    for (lane, plane) in planes.chunks_exact_mut(n).enumerate() {
+                        for (value, sum) in plane[start..start + np].iter_mut().zip(&sums) {
+                            *value += sum[lane];
+                        }
                     }
                 }
             }
         }
     }
 
-    /// Profiles of a component over the elevation of light and of sensor at a bin of theta_h and theta_d, zero from the
+    /// Profiles of a few components over the elevation of light and of sensor at a bin of theta_h and theta_d, zero from the
     /// last knot on.
-    fn row(&self, component: usize, h: usize, d: usize, sides: &mut [[f32; MAX_KNOTS + 1]; 2]) {
+    #[inline(always)]
+    fn row(&self, group: usize, h: usize, d: usize, sides: &mut [[Knot; MAX_KNOTS]; 2]) {
         let k = self.knots;
-        let at = |table: usize, bins: usize, bin: usize| {
-            let start = (component * bins + bin) * k;
-            &self.tables[table][start..start + k]
-        };
+        let of_bin = |table: usize, bins: usize, bin: usize| &self.tables[table][(group * bins + bin) * k..][..k];
         let (nh, nd) = (self.theta_h.len(), self.theta_d.len());
-        let (h_even, h_odd, d_even, d_odd) = (at(0, nh, h), at(1, nh, h), at(2, nd, d), at(3, nd, d));
+        let (h_even, h_odd, d_even, d_odd) = (of_bin(0, nh, h), of_bin(1, nh, h), of_bin(2, nd, d), of_bin(3, nd, d));
+        let [light, sensor] = sides;
         for e in 0..k - 1 {
-            let (even, odd) = (h_even[e] + d_even[e], h_odd[e] + d_odd[e]);
-            sides[0][e] = even + odd;
-            sides[1][e] = even - odd;
+            for lane in 0..LANES {
+                let (even, odd) = (h_even[e][lane] + d_even[e][lane], h_odd[e][lane] + d_odd[e][lane]);
+                light[e].0[lane] = even + odd;
+                sensor[e].0[lane] = even - odd;
+            }
         }
         for side in sides {
-            side[k - 1..=k].fill(0.0);
+            side[k - 1] = ([0.0; LANES], [0.0; LANES]);
+            for e in 0..k - 1 {
+                for lane in 0..LANES {
+                    side[e].1[lane] = side[e + 1].0[lane] - side[e].0[lane];
+                }
+            }
         }
+    }
+}
+
+#[inline(always)]
+fn interpolate(side: &[Knot; MAX_KNOTS], root: f32) -> Lanes {
+    let (knot, fraction) = place(root);
+    // At most the last: the remainder saves a check.
+    let (value, more) = &side[usize::from(knot) % MAX_KNOTS];
+    let mut sum = [0f32; LANES];
+    for lane in 0..LANES {
+        sum[lane] = value[lane] + more[lane] * fraction;
+    }
+    sum
+}
+
+struct Add<'a> {
+    profile: &'a Profile,
+    block: &'a Block,
+    values: &'a mut [f32],
+}
+
+impl Task for Add<'_> {
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        self.profile.add_inline(self.block, self.values);
     }
 }
 
@@ -150,7 +205,7 @@ mod tests {
         let block = Block { origin: [0, 40, 60, 30], shape: [1, 20, 25, 90] };
         let n = block.positions();
         let mut values = vec![2f32; 3 * n];
-        profile.add(&block, &mut values);
+        profile.add(Level::detect(), &block, &mut values);
         let mut inside = 0;
         for (p, at) in crate::block::positions(block.shape).enumerate() {
             let angle =

@@ -5,6 +5,8 @@
 
 /// Codes decisions under adaptive contexts.
 pub(crate) trait Coder {
+    /// Whether it is a decoder: the values that it is given mean nothing.
+    const READS: bool = false;
     /// One decision under context `context`.
     fn bit(&mut self, context: usize, bit: bool) -> bool;
     /// The low `bits` (at most 31) bits of `value`, all equally likely, high bit first.
@@ -88,6 +90,8 @@ impl<'a> Decoder<'a> {
 }
 
 impl Coder for Decoder<'_> {
+    const READS: bool = true;
+
     #[inline(always)]
     fn bit(&mut self, context: usize, _: bool) -> bool {
         let state = &mut self.states[context];

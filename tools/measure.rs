@@ -1,14 +1,16 @@
 //! Measures the decoder on files: `cargo run --release --example measure -- FILE.csbrdf...`
 //!
 //! Per file, in one run: the time to map and open it; open and one random block, nothing shared between repetitions
-//! but the page cache; one random block warm, per decoded value; the whole table to float32 on one thread and on all;
-//! `Brdf::eval` for random directions with a cache that holds every block. Medians, with 10 % and 90 % quantiles for
-//! the cold block.
+//! but the page cache; one random block warm, per decoded value; the whole table to float32 on one thread and on all, beside
+//! reading a MERL file of that size from the page cache and converting it to float32; `Brdf::eval` for random directions with
+//! a cache that holds every block and with one of a tenth of the table, beside the same look-up in the table as float32 in memory.
+//! Medians, with 10 % and 90 % quantiles for the cold block.
 
 use std::hint::black_box;
 use std::path::Path;
 use std::time::Instant;
 
+use csbrdf::coords::{Lookup, grid_coordinates, taps};
 use csbrdf::decode::{Reader, Scratch};
 use csbrdf::eval::Brdf;
 use csbrdf::sample::SplitMix64;
@@ -21,9 +23,9 @@ fn main() -> Result<(), Failure> {
         return Err("usage: measure FILE.csbrdf...".into());
     }
     println!(
-        "| file | kB | open, us | open + one block, us (10 %, 90 %) | block warm, ns/value | decode 1 thread, ms | decode all threads, ms | eval warm, ns |"
+        "| file | kB | open, us | open + one block, us (10 %, 90 %) | block warm, ns/value | decode 1 thread, ms | all threads, ms | read and convert raw, ms | eval, ns | eval, cache of 10 %, ns | raw look-up, ns |"
     );
-    println!("| --- | --- | --- | --- | --- | --- | --- | --- |");
+    println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
     for file in &files {
         measure(Path::new(file))?;
     }
@@ -93,19 +95,50 @@ fn measure(path: &Path) -> Result<(), Failure> {
         [r * phi.cos(), r * phi.sin(), z]
     };
     let pairs: Vec<_> = (0..100_000).map(|_| (direction(), direction())).collect();
-    let brdf = Brdf::open(Reader::open_path(path)?)?.with_cache(blocks);
-    let channels = reader.grid().channels().len();
+    let table = reader.decode_all()?;
+    let bytes = 4 * table.len();
+    let grid = reader.grid();
+    let channels = grid.channels().len();
     let mut value = vec![0.0; channels];
-    let eval = times(4, |_| {
+    let mut eval = |cache: usize, pairs: &[([f64; 3], [f64; 3])]| -> Result<f64, Failure> {
+        let brdf = Brdf::open(Reader::open_path(path)?)?.with_cache_bytes(cache);
+        let seconds = times(5, |_| {
+            for &(wi, wo) in pairs {
+                brdf.eval_into(wi, wo, &mut value)?;
+                black_box(&value);
+            }
+            Ok(())
+        })?;
+        Ok(quantile(&seconds, 0.5) / pairs.len() as f64)
+    };
+    // Most of them decode a block.
+    let (warm_eval, tight_eval) = (eval(usize::MAX, &pairs)?, eval(bytes / 10, &pairs[..500])?);
+    let n = grid.positions();
+    let raw_eval = times(5, |_| {
         for &(wi, wo) in &pairs {
-            brdf.eval_into(wi, wo, &mut value)?;
+            value.fill(0.0);
+            if let Some(at) = grid_coordinates(grid, wi, wo) {
+                for &(position, weight) in taps(grid, at, Lookup::Linear).as_slice() {
+                    for (c, sum) in value.iter_mut().enumerate() {
+                        *sum += table[c * n + position] * weight as f32;
+                    }
+                }
+            }
             black_box(&value);
         }
         Ok(())
     })?;
+    let raw = tempfile::NamedTempFile::new()?;
+    std::fs::write(raw.path(), vec![0x3F; 12 + 8 * table.len()])?;
+    let raw_read = times(15, |_| {
+        let bytes = std::fs::read(raw.path())?;
+        let values = bytes[12..].chunks_exact(8).map(|b| b.try_into().map(|b| f64::from_le_bytes(b) as f32));
+        black_box(values.collect::<Result<Vec<f32>, _>>()?);
+        Ok(())
+    })?;
 
     println!(
-        "| {} | {:.1} | {:.0} | {:.0} ({:.0}, {:.0}) | {:.1} | {:.1} | {:.1} | {:.0} |",
+        "| {} | {:.1} | {:.0} | {:.0} ({:.0}, {:.0}) | {:.1} | {:.1} | {:.1} | {:.1} | {:.0} | {:.0} | {:.0} |",
         path.file_name().unwrap_or_default().to_string_lossy(),
         std::fs::metadata(path)?.len() as f64 / 1e3,
         quantile(&open, 0.5) * 1e6,
@@ -115,7 +148,10 @@ fn measure(path: &Path) -> Result<(), Failure> {
         per_value * 1e9,
         single * 1e3,
         all * 1e3,
-        quantile(&eval, 0.0) / pairs.len() as f64 * 1e9,
+        quantile(&raw_read, 0.5) * 1e3,
+        warm_eval * 1e9,
+        tight_eval * 1e9,
+        quantile(&raw_eval, 0.5) / pairs.len() as f64 * 1e9,
     );
     Ok(())
 }

@@ -1,6 +1,6 @@
 //! The source's bits, from files that keep them (spec section 4.12).
 
-use super::{Reader, Scratch, map_blocks};
+use super::{Reader, Scratch, copy_rows, for_each_block};
 use crate::block::Block;
 use crate::error::{Error, Result};
 use crate::format::directory;
@@ -49,7 +49,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
         let mut bits = vec![0; scratch.log.len()];
         let decoded = Decoded {
             shape: place.shape,
-            valid: &self.header.masks_of(scratch),
+            valid: &self.header.masks_of(&place, scratch),
             log: &scratch.log,
             eps: self.header.coding.eps,
             scales: &scales,
@@ -81,13 +81,11 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
     pub fn exact_table(&self) -> Result<Vec<f64>> {
         let index = self.exact_index()?;
         let mut values = vec![0f64; self.check_table_size()?];
-        for batch in self.batches() {
-            let blocks = map_blocks(batch, |scratch, block| {
-                let (place, bits) = self.exact_bits(&index, block, scratch)?;
-                Ok((place, bits.into_iter().map(f64::from_bits).collect::<Vec<f64>>()))
-            })?;
-            self.scatter(blocks.iter().map(|(place, block)| (place, &block[..])), &mut values);
-        }
+        for_each_block(self.partition().rows_by_block(&mut values), |scratch, block, rows| {
+            let (_, bits) = self.exact_bits(&index, block, scratch)?;
+            copy_rows(rows, &bits.into_iter().map(f64::from_bits).collect::<Vec<f64>>());
+            Ok(())
+        })?;
         Ok(values)
     }
 }

@@ -15,6 +15,7 @@ use crate::format::profile::CodedProfile;
 use crate::fourier::Basis;
 use crate::grid::Grid;
 use crate::profile::Profile;
+use crate::simd::Level;
 use crate::table::BrdfTable;
 
 /// Planes in grid order, one a channel.
@@ -109,6 +110,7 @@ fn subtract(profile: &Profile, transform: &ChannelTransform, shape: [usize; 4], 
     let n: usize = shape.iter().product();
     let channels = log.len() / n;
     let slab = n / shape[1];
+    let level = Level::detect();
     let mut slabs: Vec<Vec<&mut [f32]>> = (0..shape[1]).map(|_| Vec::new()).collect();
     for plane in log.chunks_exact_mut(n) {
         slabs.iter_mut().zip(plane.chunks_exact_mut(slab)).for_each(|(slab, rows)| slab.push(rows));
@@ -116,7 +118,7 @@ fn subtract(profile: &Profile, transform: &ChannelTransform, shape: [usize; 4], 
     slabs.into_par_iter().enumerate().for_each(|(h, mut planes)| {
         let block = Block { origin: [0, h, 0, 0], shape: [1, 1, shape[2], shape[3]] };
         let mut values = vec![0f32; slab * channels];
-        profile.add(&block, &mut values);
+        profile.add(level, &block, &mut values);
         transform.inverse(&mut values, channels);
         for (rows, values) in planes.iter_mut().zip(values.chunks_exact(slab)) {
             rows.iter_mut().zip(values).for_each(|(log, value)| *log -= value);

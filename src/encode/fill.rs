@@ -15,7 +15,7 @@ use crate::block::positions;
 use crate::channel::ChannelTransform;
 use crate::fourier::Basis;
 use crate::fourier::forward::SingleTransform;
-use crate::fourier::forward::simd::{Level, Task};
+use crate::simd::{Level, Task};
 
 /// Last threshold, in quantiser steps at weight 1.
 const LAST_THRESHOLD: f32 = 0.3;

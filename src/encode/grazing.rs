@@ -21,7 +21,7 @@ use crate::format::{MAX_BLOCK_AXIS, check_block};
 use crate::fourier::Basis;
 use crate::fourier::forward::Transform;
 use crate::grid::Grid;
-use crate::profile::{Place, Profile, bins};
+use crate::profile::{Profile, bins, place};
 use crate::quantize::{Quantizer, quantize_mean};
 use crate::range::Encoder;
 
@@ -53,6 +53,20 @@ fn minus(a: Lanes, b: Lanes) -> Lanes {
 
 fn times(a: Lanes, b: Lanes) -> Lanes {
     std::array::from_fn(|l| a[l] * b[l])
+}
+
+/// Where light and sensor are among the knots.
+#[derive(Clone, Copy)]
+struct Place {
+    knot: [u8; 2],
+    fraction: [f32; 2],
+}
+
+impl Place {
+    fn new(light: f32, sensor: f32) -> Place {
+        let (light, sensor) = (place(light), place(sensor));
+        Place { knot: [light.0, sensor.0], fraction: [light.1, sensor.1] }
+    }
 }
 
 /// The knots of a bin in a table.
@@ -236,11 +250,13 @@ fn planes(grid: &Grid, known: &[bool]) -> Option<Vec<Plane>> {
             after: Vec::new(),
             below: Vec::new(),
         };
-        let mut row = Vec::new();
+        let mut roots = [Vec::new(), Vec::new()];
         let mut before = vec![u32::MAX; bins_p];
         for d in 0..bins_d {
             let mut current = vec![u32::MAX; bins_p];
-            empty.places(h, d, 0..bins_p, &mut row);
+            empty.roots(h, d, 0..bins_p, &mut roots);
+            let row: Vec<Place> =
+                roots[0].iter().zip(&roots[1]).map(|(light, sensor)| Place::new(*light, *sensor)).collect();
             let start = plane.places.len();
             for p in 0..row.len() {
                 // The neighbours just outside count too: the profile is zero there.
@@ -441,7 +457,7 @@ mod tests {
         }
         let (_, profile) = fit(&grid, &ChannelTransform::None, &log, &known, 0.1, Effort::Standard).unwrap();
         let mut taken = vec![0f32; log.len()];
-        profile.add(&Block { origin: [0; 4], shape: grid.shape() }, &mut taken);
+        profile.add(crate::simd::Level::detect(), &Block { origin: [0; 4], shape: grid.shape() }, &mut taken);
         let steps = |values: &dyn Fn(usize) -> f32| -> f64 {
             let beside = (1..log.len()).filter(|&i| i % 180 > 0 && known[i] && known[i - 1]);
             beside.map(|i| f64::from((values(i) - values(i - 1)).abs())).sum()

@@ -10,6 +10,7 @@ use crate::grid::Grid;
 use crate::profile::{Profile, bins};
 use crate::quantize::dequantize_mean;
 use crate::range::Decoder;
+use crate::simd::Level;
 
 /// Tables of a profile: over theta_h even and odd, over theta_d even and odd.
 pub(crate) const TABLES: usize = 4;
@@ -93,7 +94,7 @@ impl CodedProfile {
             *table = coefficients.iter().map(|&q| dequantize_mean(self.step, q)).collect();
             for (c, values) in table.chunks_exact_mut(n).enumerate() {
                 values[0] = dequantize_mean(self.step, self.first[t * channels + c]);
-                synthesis.synthesize(shape, extents[c].map(|e| e.max(1)), values, &mut lines);
+                synthesis.synthesize(Level::detect(), shape, extents[c].map(|e| e.max(1)), values, &mut lines);
             }
         }
         if decoder.unread() > 0 {

@@ -7,9 +7,10 @@ use crate::format::directory::check_crc;
 const OVERHEAD: usize = 5;
 
 /// Which entries of a block are valid.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ValidityClass {
     /// All of them.
+    #[default]
     All,
     /// None: the block holds its mean only.
     None,

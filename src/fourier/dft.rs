@@ -8,6 +8,7 @@ use std::cmp::Ordering;
 use std::f32::consts::FRAC_1_SQRT_2;
 
 use super::AxisTable;
+use crate::simd::Task;
 
 /// Frequency (0..n, negative ones wrapped) at index `j`.
 fn frequency(j: usize, n: usize) -> usize {
@@ -48,7 +49,22 @@ pub fn partners(shape: [usize; 4]) -> Vec<u32> {
     partners
 }
 
-pub(super) fn synthesize(axes: [&AxisTable; 4], values: &mut [f32], scratch: &mut Vec<f32>) {
+/// Replaces the coefficients by the values of the block.
+pub(super) struct Synthesize<'a> {
+    pub(super) axes: [&'a AxisTable; 4],
+    pub(super) values: &'a mut [f32],
+    pub(super) scratch: &'a mut Vec<f32>,
+}
+
+impl Task for Synthesize<'_> {
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        synthesize(self.axes, self.values, self.scratch);
+    }
+}
+
+#[inline(always)]
+fn synthesize(axes: [&AxisTable; 4], values: &mut [f32], scratch: &mut Vec<f32>) {
     let shape = axes.map(|a| a.n);
     let half = shape[3] / 2 + 1;
     let size = shape[0] * shape[1] * shape[2] * half;
@@ -81,6 +97,7 @@ pub(super) fn synthesize(axes: [&AxisTable; 4], values: &mut [f32], scratch: &mu
 }
 
 /// The half spectrum, real parts then imaginary parts, from the packed coefficients.
+#[inline(always)]
 fn unpack(axes: [&AxisTable; 4], values: &[f32], spectrum: &mut [f32]) {
     let shape = axes.map(|a| a.n);
     let half = shape[3] / 2 + 1;
@@ -97,6 +114,7 @@ fn unpack(axes: [&AxisTable; 4], values: &[f32], spectrum: &mut [f32]) {
 }
 
 /// Calls `each` with the packed index of every entry of the half spectrum and that of its conjugate.
+#[inline(always)]
 fn for_half_spectrum(shape: [usize; 4], half: usize, mut each: impl FnMut(usize, usize)) {
     let [n0, n1, n2, n3] = shape;
     let pair = |f: usize, n: usize| (index_of(f, n), index_of((n - f) % n, n));
@@ -118,6 +136,7 @@ fn for_half_spectrum(shape: [usize; 4], half: usize, mut each: impl FnMut(usize,
 }
 
 /// Sums over the frequencies of one of the first three axes, ascending from 0 in wrapped order.
+#[inline(always)]
 fn complex_axis(table: &AxisTable, inner: usize, from: &[f32], to: &mut [f32]) {
     let n = table.n;
     let (from_re, from_im) = from.split_at(from.len() / 2);

@@ -20,16 +20,15 @@ mod dense;
 mod long;
 mod real;
 mod sampled;
-pub(crate) mod simd;
 
 use super::Basis;
+use crate::simd::Level;
 use axis::{Along, Scratch};
 use conjugate::{Combine, Conjugates};
 use dense::Dense;
 use long::Long;
 pub use real::Real;
 use sampled::{Columns, Gather, Spread};
-use simd::Level;
 
 /// Longest axis transformed by dense products. Microseconds of a block, dense and by lines: 10 x 15 x 60, DFT 62 and 69, DCT
 /// 51 and 90; 10 x 15 x 180, DFT 299 and 199, DCT 230 and 265. Only the DCT folds a line more than once.
@@ -347,7 +346,8 @@ mod tests {
                     }
                     *s = *d as f32;
                 }
-                Synthesis::new(basis, &shape).synthesize(shape, extents, &mut single, &mut Vec::new());
+                let mut scratch = Vec::new();
+                Synthesis::new(basis, &shape).synthesize(Level::detect(), shape, extents, &mut single, &mut scratch);
                 Transform::new(basis, shape).synthesize(&mut double);
                 for (s, d) in single.iter().zip(&double) {
                     assert!((f64::from(*s) - d).abs() < 2e-6, "{basis:?} {shape:?}: {s} {d}");

@@ -9,7 +9,7 @@
 
 use super::groups::Groups;
 use super::vector::LANES;
-use crate::fourier::forward::simd::{Level, Task};
+use crate::simd::{Level, Task};
 
 /// Passes over all groups before the active set is gathered.
 const WHOLE_PASSES: usize = 4;

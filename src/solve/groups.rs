@@ -8,7 +8,7 @@
 //! Squares of entries must be in range: the solver's vectors are those of a problem with ||y|| = 1.
 
 use super::vector::LANES;
-use crate::fourier::forward::simd::{Level, Task};
+use crate::simd::{Level, Task};
 
 /// Groups of one size.
 pub(super) struct Class {

@@ -10,7 +10,7 @@
 use super::Operator;
 use super::groups::Groups;
 use super::vector::LANES;
-use crate::fourier::forward::simd::{Level, Task, multiply_add};
+use crate::simd::{Level, Task, multiply_add};
 
 /// A working set pays while rows^2 is at most this times the columns: its width is about three times the rows, and a
 /// pair of its products costs six rows^2 multiplications where a pair of separable transforms costs some 50 a column.

@@ -2,7 +2,7 @@
 
 use super::dense::{Dense, Lanes, Place};
 use super::real::Real;
-use super::simd::Task;
+use crate::simd::Task;
 
 /// Scratch of dense axes. `WIDE` lanes of a group are two vectors of AVX2, so that every entry of a matrix that is loaded
 /// serves both; `NARROW` are taken where no more remain.

@@ -10,8 +10,8 @@
 use std::f64::consts::FRAC_1_SQRT_2;
 
 use super::real::Real;
-use super::simd::Task;
 use crate::fourier::partners;
+use crate::simd::Task;
 
 /// The steps of one block shape.
 pub(super) struct Conjugates {

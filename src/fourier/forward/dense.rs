@@ -8,8 +8,8 @@ use std::f64::consts::PI;
 use std::ops::Range;
 
 use super::real::Real;
-use super::simd::multiply_add;
 use crate::fourier::Basis;
+use crate::simd::multiply_add;
 
 /// Most outputs of a product summed side by side: 6 x 8 lanes fill 12 of the 16 registers of AVX2.
 const ROWS: usize = 6;

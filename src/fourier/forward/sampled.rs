@@ -2,8 +2,8 @@
 
 use super::dense::value;
 use super::real::Real;
-use super::simd::{Task, multiply_add};
 use crate::fourier::Basis;
+use crate::simd::{Task, multiply_add};
 
 /// Basis values of the last axis by position: `[i][k]`.
 pub(super) struct Columns<T> {

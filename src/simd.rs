@@ -1,10 +1,14 @@
-//! The vector instructions that a transform runs on.
+//! The vector instructions that loops run on.
 //!
-//! Loops over `[T; W]` vectorise by themselves; what the compiler needs is leave to use more than the baseline of the
-//! target. x86-64's has two lanes and no fused multiply-add. AVX-512 gained at most 10 % over AVX2 on Zen 4 and needs
-//! Rust 1.89. NEON is aarch64's baseline. Results differ by rounding between levels, never between threads or runs.
+//! Loops over slices and `[T; W]` vectorise by themselves; what the compiler needs is leave to use more than the baseline of the
+//! target. x86-64's has half the lanes of AVX2 and no fused multiply-add. AVX-512 gained at most 10 % over AVX2 on Zen 4 and needs
+//! Rust 1.89. NEON is aarch64's baseline.
+//!
+//! The decoder's tasks use no fused multiply-add: the same operations in the same order on every lane, so the same bits at every
+//! level. The encoder's may, and then differ by rounding between levels, never between threads or runs.
 
-use super::real::Real;
+#[cfg(feature = "encode")]
+use crate::fourier::forward::Real;
 
 /// What can run at any level. `FUSED`: multiply-adds are one instruction, with one rounding.
 pub(crate) trait Task {
@@ -60,6 +64,7 @@ fn avx2(task: impl Task) {
 }
 
 /// `a * b + sum`
+#[cfg(feature = "encode")]
 #[inline(always)]
 pub(crate) fn multiply_add<T: Real, const FUSED: bool>(a: T, b: T, sum: T) -> T {
     if FUSED { a.fused(b, sum) } else { a * b + sum }
