@@ -1,6 +1,7 @@
 //! The reader: opens a file, rebuilds single blocks or the whole table (spec section 5).
 
 pub(crate) mod lossless;
+pub(crate) mod point;
 
 use std::borrow::Cow;
 use std::sync::OnceLock;
@@ -20,7 +21,7 @@ use crate::format::probabilities::read_probabilities;
 use crate::format::profile::{CodedProfile, read_profile};
 use crate::format::record::{Record, ValidityClass};
 use crate::format::{Limits, MAX_BLOCK_VALUES, is_compact, may_double};
-use crate::fourier::{Basis, Extents, Synthesis};
+use crate::fourier::{AxisTable, Basis, Extents, Synthesis};
 use crate::grid::Grid;
 use crate::horizon::Horizon;
 use crate::mask::{self, MaskModel};
@@ -236,9 +237,7 @@ impl Header {
                 .map_err(|_| "a correction is out of range")?;
             correct(log, corrections, step);
         }
-        if decoder.unread() > 0 {
-            return Err("bytes are left over at its end");
-        }
+        decoder.check_end()?;
         for (log, zero) in scratch.log.iter_mut().zip(&scratch.zeros) {
             // exp of it is zero, and so is the value.
             *log = if *zero { f32::NEG_INFINITY } else { *log };
@@ -262,12 +261,21 @@ impl Header {
             values[0] = dequantize_mean(step, means[component]);
             self.synthesis.synthesize(self.level, block.shape, extents, values, &mut scratch.lines);
         }
+        self.finish(block, &mut scratch.log)
+    }
+
+    /// Components of a block to log values of its channels, `[channel][position]`: profile and channel transform.
+    fn finish(&self, block: &Block, values: &mut [f32]) -> Result<(), &'static str> {
         if let Some(profile) = self.profile()? {
-            profile.add(self.level, block, &mut scratch.log);
+            profile.add(self.level, block, values);
         }
         let (transform, channels) = (&self.coding.transform, self.grid.channels().len());
-        self.level.run(ToChannels { transform, channels, values: &mut scratch.log });
+        self.level.run(ToChannels { transform, channels, values });
         Ok(())
+    }
+
+    fn axes(&self, shape: [usize; 4]) -> [&AxisTable; 4] {
+        shape.map(|n| self.synthesis.axis(n))
     }
 
     /// BRDF values in place of the log values in the scratch.
@@ -495,10 +503,22 @@ impl<D: AsRef<[u8]>> Reader<D> {
         if let Some(coded) = &self.header.coded_profile {
             self.header.profile().map_err(|what| Error::corrupt("GRAZ", coded.offset, what))?;
         }
-        self.header.rebuild(&place, &record, self.index.means(block), scratch).map_err(|what| {
-            Error::corrupt("RECS", self.index.record(block).start as u64, format!("block {block}: {what}"))
-        })?;
+        self.header
+            .rebuild(&place, &record, self.index.means(block), scratch)
+            .map_err(|what| self.bad_record(block, what))?;
         Ok(place)
+    }
+
+    /// The coefficients of a block of a file without corrections, in the scratch.
+    fn decode_coefficients(&self, block: usize, place: &Block, scratch: &mut Scratch) -> Result<()> {
+        let record = self.record(block)?;
+        let mut decoder = Decoder::new(&self.header.probabilities, record.coded);
+        let decoded = self.header.decode_record(place, record.class, &mut decoder, scratch);
+        decoded.and_then(|()| decoder.check_end()).map_err(|what| self.bad_record(block, what))
+    }
+
+    fn bad_record(&self, block: usize, what: &str) -> Error {
+        Error::corrupt("RECS", self.index.record(block).start as u64, format!("block {block}: {what}"))
     }
 
     /// Rebuilds one block: BRDF values in 1/sr, `[channel][position]`, positions in the block's row-major order.
@@ -761,6 +781,34 @@ mod tests {
             reader.header.level = Level::baseline();
             assert!(bits(&reader.decode_all().unwrap()) == best, "{name}");
         }
+    }
+
+    /// Single values, from the coefficients, are those of the whole block bit by bit.
+    #[test]
+    fn points_are_those_of_the_block() {
+        let mut scratch = Scratch::default();
+        let mut some = 0;
+        for (name, bytes) in golden() {
+            let reader = Reader::open(bytes).unwrap();
+            let channels = reader.grid().channels().len();
+            for block in 0..reader.block_count() {
+                let mut whole = vec![0.0; reader.block_values(block).unwrap()];
+                reader.block_into(block, &mut whole).unwrap();
+                let Some(sparse) = reader.sparse_block(block, &mut scratch).unwrap() else { continue };
+                let place = reader.place(block).unwrap();
+                for (index, within) in positions(place.shape).enumerate().step_by(7) {
+                    let mut value = vec![f32::NAN; channels];
+                    reader.point(&sparse, within, &mut value).unwrap();
+                    let expected: Vec<f32> = whole.iter().skip(index).step_by(place.positions()).copied().collect();
+                    assert!(
+                        bits(&value) == bits(&expected),
+                        "{name}, block {block}, {within:?}: {value:?} {expected:?}"
+                    );
+                    some += 1;
+                }
+            }
+        }
+        assert!(some > 10_000);
     }
 
     /// Buffers hold what the block before left, of another shape or file: nothing of it comes through.

@@ -42,10 +42,10 @@ pub type Extents = [usize; 4];
 
 /// The tables of one axis length.
 #[derive(Debug)]
-struct AxisTable {
-    n: usize,
+pub(crate) struct AxisTable {
+    pub(crate) n: usize,
     /// DCT: `[k][i]` for the first half of the positions. DFT: `[f][i]`, `cos(2 pi f i / n) / sqrt(n)`.
-    cos: Vec<f32>,
+    pub(crate) cos: Vec<f32>,
     /// DFT: `[f][i]`, `sin(2 pi f i / n) / sqrt(n)`.
     sin: Vec<f32>,
 }
@@ -94,7 +94,7 @@ impl Synthesis {
         Synthesis { basis, tables: lengths.into_iter().map(|n| (n, OnceLock::new())).collect() }
     }
 
-    fn axis(&self, n: usize) -> &AxisTable {
+    pub(crate) fn axis(&self, n: usize) -> &AxisTable {
         let at = self.tables.binary_search_by_key(&n, |t| t.0).expect("lengths come from the same partition");
         self.tables[at].1.get_or_init(|| AxisTable::new(self.basis, n))
     }

@@ -87,6 +87,11 @@ impl<'a> Decoder<'a> {
     pub(crate) fn unread(&self) -> usize {
         self.data.len().saturating_sub(self.at)
     }
+
+    /// Every byte must have had its use.
+    pub(crate) fn check_end(&self) -> Result<(), &'static str> {
+        if self.unread() > 0 { Err("bytes are left over at its end") } else { Ok(()) }
+    }
 }
 
 impl Coder for Decoder<'_> {

@@ -1,0 +1,169 @@
+//! Single values of a block from its coefficients, where so few are wanted that rebuilding the block would cost more.
+//!
+//! The sums of section 4.4 of the spec at one position, in the same order: the same bits as from the whole block.
+
+use std::sync::atomic::AtomicU32;
+
+use super::{Header, Reader, Scratch, dequantize_within};
+use crate::block::Block;
+use crate::error::{Error, Result};
+use crate::fourier::{AxisTable, Basis};
+use crate::quantize::{Quantizer, dequantize_mean};
+use crate::tone::inverse_tone_map;
+
+/// The coefficients of a block that are not zero.
+#[derive(Debug)]
+pub(crate) struct Sparse {
+    pub(crate) block: usize,
+    place: Block,
+    components: Vec<Component>,
+    /// Exact zeros, `[channel][position]`; empty where there are none.
+    zeros: Vec<bool>,
+    /// Look-ups that were answered from it.
+    pub(crate) uses: AtomicU32,
+}
+
+/// Rows along the last axis in order, and what they hold.
+#[derive(Debug, Default)]
+struct Component {
+    rows: Vec<Row>,
+    /// Index along the last axis, coefficient.
+    entries: Vec<(u32, f32)>,
+}
+
+#[derive(Debug)]
+struct Row {
+    /// Along the first three axes.
+    at: [u32; 3],
+    /// Where its entries end.
+    end: usize,
+}
+
+/// Sums over the even and the odd frequencies of an axis, at one position.
+struct Sums<'a> {
+    table: &'a AxisTable,
+    /// The position or its mirror image, whichever is in the first half.
+    column: usize,
+    mirrored: bool,
+    sums: [f32; 2],
+}
+
+impl<'a> Sums<'a> {
+    fn new(table: &'a AxisTable, position: usize) -> Sums<'a> {
+        let mirror = table.n - 1 - position;
+        Sums { table, column: position.min(mirror), mirrored: mirror < position, sums: [0.0; 2] }
+    }
+
+    fn add(&mut self, frequency: usize, value: f32) {
+        if self.table.n == 1 {
+            // The one coefficient of a single position is its value.
+            self.sums[0] = value;
+            return;
+        }
+        let half = self.table.n.div_ceil(2);
+        self.sums[frequency % 2] += value * self.table.cos[frequency * half + self.column];
+    }
+
+    /// The value, and zero sums for the next line.
+    fn take(&mut self) -> f32 {
+        let [even, odd] = std::mem::take(&mut self.sums);
+        match (self.table.n, self.mirrored) {
+            (1, _) => even,
+            (_, false) => even + odd,
+            (_, true) => even - odd,
+        }
+    }
+}
+
+impl Component {
+    fn value(&self, axes: [&AxisTable; 4], within: [usize; 4]) -> f32 {
+        let [mut first, mut second, mut third, mut fourth] = [0, 1, 2, 3].map(|a| Sums::new(axes[a], within[a]));
+        let mut start = 0;
+        for (number, row) in self.rows.iter().enumerate() {
+            for &(frequency, value) in &self.entries[start..row.end] {
+                fourth.add(frequency as usize, value);
+            }
+            start = row.end;
+            let [i, j, k] = row.at.map(|at| at as usize);
+            third.add(k, fourth.take());
+            let next = self.rows.get(number + 1).map(|row| row.at);
+            let goes_on = |axes: usize| next.is_some_and(|next| next[..axes] == row.at[..axes]);
+            if !goes_on(2) {
+                second.add(j, third.take());
+            }
+            if !goes_on(1) {
+                first.add(i, second.take());
+            }
+        }
+        first.take()
+    }
+}
+
+impl Header {
+    /// What the scratch holds after a record was decoded.
+    fn sparse(&self, block: usize, place: &Block, means: &[i32], scratch: &Scratch) -> Sparse {
+        let n = place.positions();
+        let [_, n1, n2, n3] = place.shape;
+        let mut components = Vec::with_capacity(means.len());
+        let mut values = vec![0f32; n];
+        for (c, &mean) in means.iter().enumerate() {
+            let step = self.coding.steps[c];
+            let quantizer = Quantizer { step, shrink: self.coding.shrink.map(|s| f32::from(s) / 256.0) };
+            let extents = scratch.extents[c].map(|e| e.max(1));
+            dequantize_within(place.shape, extents, &scratch.coefficients[c * n..(c + 1) * n], quantizer, &mut values);
+            values[0] = dequantize_mean(step, mean);
+            let mut component = Component::default();
+            for i in 0..extents[0] {
+                for j in 0..extents[1] {
+                    for k in 0..extents[2] {
+                        let start = ((i * n1 + j) * n2 + k) * n3;
+                        let row = values[start..start + extents[3]].iter().enumerate();
+                        let before = component.entries.len();
+                        component.entries.extend(row.filter(|(_, v)| **v != 0.0).map(|(l, v)| (l as u32, *v)));
+                        if component.entries.len() > before {
+                            let (at, end) = ([i, j, k].map(|at| at as u32), component.entries.len());
+                            component.rows.push(Row { at, end });
+                        }
+                    }
+                }
+            }
+            components.push(component);
+        }
+        let zeros = if scratch.zeros.contains(&true) { scratch.zeros.clone() } else { Vec::new() };
+        Sparse { block, place: *place, components, zeros, uses: AtomicU32::new(0) }
+    }
+}
+
+impl<D: AsRef<[u8]>> Reader<D> {
+    /// The coefficients of a block. `None` where its single values are not to be had without the others: the DFT, or a file
+    /// with corrections.
+    pub(crate) fn sparse_block(&self, block: usize, scratch: &mut Scratch) -> Result<Option<Sparse>> {
+        if self.header.coding.basis == Basis::Dft || self.header.coding.correction.is_some() {
+            return Ok(None);
+        }
+        let place = self.place(block)?;
+        self.decode_coefficients(block, &place, scratch)?;
+        Ok(Some(self.header.sparse(block, &place, self.index.means(block), scratch)))
+    }
+
+    /// BRDF values in 1/sr of all channels at a place in a block.
+    pub(crate) fn point(&self, sparse: &Sparse, within: [usize; 4], value: &mut [f32]) -> Result<()> {
+        let Sparse { place, components, zeros, .. } = sparse;
+        let axes = self.header.axes(place.shape);
+        for (value, component) in value.iter_mut().zip(components) {
+            *value = component.value(axes, within);
+        }
+        let here = Block { origin: std::array::from_fn(|a| place.origin[a] + within[a]), shape: [1; 4] };
+        self.header
+            .finish(&here, value)
+            .map_err(|what| Error::corrupt("GRAZ", self.header.coded_profile.as_ref().map_or(0, |p| p.offset), what))?;
+        let [_, n1, n2, n3] = place.shape;
+        let index = ((within[0] * n1 + within[1]) * n2 + within[2]) * n3 + within[3];
+        let eps = self.header.coding.eps as f32;
+        for (c, value) in value.iter_mut().enumerate() {
+            let zero = zeros.get(c * place.positions() + index).is_some_and(|zero| *zero);
+            *value = if zero { 0.0 } else { inverse_tone_map(*value, eps) };
+        }
+        Ok(())
+    }
+}
