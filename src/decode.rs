@@ -253,15 +253,28 @@ impl Header {
             if self.coding.basis == Basis::Dft {
                 values.fill(0.0);
             }
-            let step = self.coding.steps[component];
-            let quantizer = Quantizer { step, shrink: self.coding.shrink.map(|s| f32::from(s) / 256.0) };
             let coefficients = &scratch.coefficients[component * n..(component + 1) * n];
             let extents = scratch.extents[component].map(|e| e.max(1));
-            dequantize_within(block.shape, extents, coefficients, quantizer, values);
-            values[0] = dequantize_mean(step, means[component]);
+            self.dequantize(component, block.shape, extents, coefficients, means[component], values);
             self.synthesis.synthesize(self.level, block.shape, extents, values, &mut scratch.lines);
         }
         self.finish(block, &mut scratch.log)
+    }
+
+    /// The coefficients of a component below the extents, at least 1; what is beyond stays as it is.
+    fn dequantize(
+        &self,
+        component: usize,
+        shape: [usize; 4],
+        extents: Extents,
+        coefficients: &[i32],
+        mean: i32,
+        values: &mut [f32],
+    ) {
+        let step = self.coding.steps[component];
+        let quantizer = Quantizer { step, shrink: self.coding.shrink.map(|s| f32::from(s) / 256.0) };
+        dequantize_within(shape, extents, coefficients, quantizer, values);
+        values[0] = dequantize_mean(step, mean);
     }
 
     /// Components of a block to log values of its channels, `[channel][position]`: profile and channel transform.

@@ -120,12 +120,12 @@ impl<D: AsRef<[u8]>> Brdf<D> {
 
     /// Adds the weighted values of the bins around a place, at most sixteen.
     fn sum(&self, around: &[Around; 4], value: &mut [f32]) -> Result<()> {
-        // Axes on which the far bin counts, and is not in the block of the near one.
         let near = around.map(|a| a.near);
         let Some(found) = self.reader.partition().find(near) else { return Ok(()) };
         let mut strides = [0; 4];
         let mut stride = 1;
         let mut index = 0;
+        // Axes on which the far bin counts, and is not in the block of the near one.
         let mut leaves = [false; 4];
         for a in (0..4).rev() {
             let Around { near, far, weight } = around[a];

@@ -4,11 +4,10 @@
 
 use std::sync::atomic::AtomicU32;
 
-use super::{Header, Reader, Scratch, dequantize_within};
+use super::{Header, Reader, Scratch};
 use crate::block::Block;
 use crate::error::{Error, Result};
 use crate::fourier::{AxisTable, Basis};
-use crate::quantize::{Quantizer, dequantize_mean};
 use crate::tone::inverse_tone_map;
 
 /// The coefficients of a block that are not zero.
@@ -107,11 +106,9 @@ impl Header {
         let mut components = Vec::with_capacity(means.len());
         let mut values = vec![0f32; n];
         for (c, &mean) in means.iter().enumerate() {
-            let step = self.coding.steps[c];
-            let quantizer = Quantizer { step, shrink: self.coding.shrink.map(|s| f32::from(s) / 256.0) };
             let extents = scratch.extents[c].map(|e| e.max(1));
-            dequantize_within(place.shape, extents, &scratch.coefficients[c * n..(c + 1) * n], quantizer, &mut values);
-            values[0] = dequantize_mean(step, mean);
+            let coefficients = &scratch.coefficients[c * n..(c + 1) * n];
+            self.dequantize(c, place.shape, extents, coefficients, mean, &mut values);
             let mut component = Component::default();
             for i in 0..extents[0] {
                 for j in 0..extents[1] {

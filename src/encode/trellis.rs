@@ -48,13 +48,12 @@ pub(super) fn quantize(blocks: &[Filled], components: usize, step: f32, rounding
     let training: Vec<(&Filled, Quantized)> =
         blocks.par_iter().step_by(TRAINING).map(|block| Some((block, scalar(block)?))).collect::<Option<_>>()?;
     // The costs of scalar quantisation find first paths, those give the costs of the paths.
-    let first = count(&training, |walk, counter, (_, quantized)| {
+    let mut counts = count(&training, |walk, counter, (_, quantized)| {
         let mut coefficients = quantized.coefficients.clone();
         let extents = &mut Vec::new();
         let coded = walk.code(counter, Quantization::Scalar, quantized.shape, &mut coefficients, extents);
         debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
     });
-    let mut counts = first;
     counts.copy(SIGNIFICANT..SIGNIFICANT + ODD_CONTEXTS, SIGNIFICANT_ODD);
     let costs = Costs::new(&counts);
     let step = STEP * step;

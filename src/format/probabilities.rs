@@ -163,6 +163,14 @@ mod tests {
         }
     }
 
+    /// The section byte for byte; what the bytes say was read by the `RangeDecoder` of tools/csbrdf_decode.py.
+    #[test]
+    fn bytes_are_those_of_the_specification() {
+        let codes = [None, Some(12), Some(129), None, Some(0), Some(127), Some(255), None];
+        let hex: String = write_probabilities(&codes).iter().map(|b| format!("{b:02x}")).collect();
+        assert_eq!(hex, "080082a7fdb3e1739d10");
+    }
+
     /// Bytes of drafts that have the list of codes, and the list of probabilities before it.
     #[test]
     fn older_drafts_are_read() {
