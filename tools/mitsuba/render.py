@@ -5,7 +5,7 @@
     render.py chrome.csbrdf chrome.binary --second paint.csbrdf paint.binary --out pictures
 
 Scenes: a sphere under an environment light; with --second also two objects, one of each material, on a floor under an area
-light. Writes SCENE-csbrdf.png, SCENE-table.png and SCENE-difference.png (tone-mapped difference, ten times) into the folder,
+light. Writes SCENE-csbrdf.png, SCENE-table.png and SCENE-difference.png (tone-mapped difference, fifty times) into the folder,
 and prints a line a scene: PSNR of the tone-mapped pictures over the pixels that show the materials, that of two renderings
 of the table with different random numbers (what noise alone makes), and seconds.
 """
@@ -133,7 +133,7 @@ def compare(name, scene, files, tables, args):
     shown = [tone_mapped(image, exposure(images[1], mask)) for image in images]
     for kind, image in zip(("csbrdf", "table"), shown):
         write(args.out / f"{name}-{kind}.png", image)
-    write(args.out / f"{name}-difference.png", np.abs(shown[0] - shown[1]) * 10)
+    write(args.out / f"{name}-difference.png", np.abs(shown[0] - shown[1]) * 50)
     found, noise = psnr(shown[0][mask], shown[1][mask]), psnr(shown[2][mask], shown[1][mask])
     print(f"{name}: PSNR {found:.1f} dB (noise alone {noise:.1f} dB), {time.perf_counter() - start:.1f} s")
     return found

@@ -230,6 +230,17 @@ def test_merl_tables_are_read_in_1_per_sr(tmp_path):
         load(str(path))
 
 
+def test_a_constant_table_is_a_diffuse_surface(tmp_path):
+    path = tmp_path / "a.binary"
+    with open(path, "wb") as f:
+        f.write(np.array([90, 90, 180], "<i4").tobytes())
+        for scale in csbrdf_mitsuba.MERL_SCALE:
+            f.write(np.full(90 * 90 * 180, 0.5 / math.pi / scale).tobytes())
+    diffuse = mi.load_dict({"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.5}})
+    wi, wo = pairs(1000 if JIT else 200)
+    np.testing.assert_allclose(evaluate(load(str(path)), wi, wo), evaluate(diffuse, wi, wo), rtol=1e-4, atol=1e-7)
+
+
 def test_what_cannot_be_rendered_says_why():
     for path, more, what in [
         (SATIN, {"mode": "cubic"}, "'texture' or 'blocks'"),
