@@ -20,7 +20,7 @@ The surface reflects on the side of its normal only; `twosided` around it makes 
 
 Samples: a half vector's elevation comes from the table's mean over theta_d and phi_d per theta_h bin, within a bin uniform over
 its solid angle, its azimuth is uniform, and the incident direction is mirrored at it. What falls below the horizon has
-weight zero and density zero: the density integrates to somewhat less than one at grazing incidence.
+weight zero and density zero: the density integrates to less than one.
 """
 import contextlib
 import math
