@@ -12,7 +12,9 @@ mod input;
 mod output;
 mod picture;
 mod plan;
+mod prune;
 mod quote;
+mod render;
 mod report;
 mod samples;
 mod sets;
@@ -61,6 +63,8 @@ fn run(cli: Cli) -> Outcome {
         Command::Verify(args) => verify::run(&args, cli.quiet),
         Command::Compare(args) => compare::run(&args),
         Command::Eval(args) => eval::run(&args),
+        Command::Render(args) => render::run(&args, cli.quiet),
+        Command::Prune(args) => prune::run(&args, cli.quiet),
         Command::Synth(args) => synth::run(&args),
         Command::Report(args) => report::run(&args, cli.threads, cli.quiet),
         Command::Demo(args) => demo::run(&args),

@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 use codec::block::Block;
 use codec::coords::Lookup;
-use codec::decode::{Origin, Reader};
+use codec::decode::{Origin, Pruned, Reader};
 use codec::eval::Brdf;
 use codec::format::Limits;
 use codec::map::map_file;
@@ -57,9 +57,9 @@ enum Contents {
 ///
 /// Parameters: data: bytes of the file. cache_bytes: most bytes of decoded blocks that are kept for eval() (one block is
 /// kept whatever it takes). lookup: "linear" between bin centres on every axis, or "nearest" for the bin that the
-/// directions fall into.
+/// directions fall into. pruned: "refuse" makes blocks that were pruned from the file an error, "coarse" gives their mean.
 ///
-/// Raises csbrdf.Error if the bytes cannot be read, ValueError for another lookup.
+/// Raises csbrdf.Error if the bytes cannot be read, ValueError for another lookup or answer to pruned blocks.
 #[pyclass(name = "Brdf", module = "csbrdf", frozen)]
 struct PyBrdf(Contents);
 
@@ -71,29 +71,38 @@ fn read_lookup(lookup: &str) -> PyResult<Lookup> {
     }
 }
 
+fn read_pruned(pruned: &str) -> PyResult<Pruned> {
+    match pruned {
+        "refuse" => Ok(Pruned::Refuse),
+        "coarse" => Ok(Pruned::Coarse),
+        _ => Err(PyValueError::new_err(format!("pruned is \"refuse\" or \"coarse\", not {pruned:?}"))),
+    }
+}
+
 /// Opens a .csbrdf file: maps it, reads and checks its header and index.
 ///
 /// The file may be replaced by renaming another over it, but must not be written to or truncated while it is open: that
 /// would end the process. Where it can happen, read the file and use csbrdf.Brdf(data).
 ///
-/// Parameters: path: str or path object. cache_bytes, lookup: as for csbrdf.Brdf.
+/// Parameters: path: str or path object. cache_bytes, lookup, pruned: as for csbrdf.Brdf.
 ///
 /// Raises OSError (FileNotFoundError, ...) if the file cannot be opened, csbrdf.Error if it cannot be read.
 #[pyfunction]
-#[pyo3(signature = (path, cache_bytes = CACHE_BYTES, lookup = "linear"))]
-fn open(py: Python<'_>, path: PathBuf, cache_bytes: usize, lookup: &str) -> PyResult<PyBrdf> {
-    let lookup = read_lookup(lookup)?;
+#[pyo3(signature = (path, cache_bytes = CACHE_BYTES, lookup = "linear", pruned = "refuse"))]
+fn open(py: Python<'_>, path: PathBuf, cache_bytes: usize, lookup: &str, pruned: &str) -> PyResult<PyBrdf> {
+    let (lookup, pruned) = (read_lookup(lookup)?, read_pruned(pruned)?);
     detached(py, || {
         let bytes = Bytes(Arc::new(map_file(&path)?));
-        PyBrdf::open(bytes, cache_bytes, lookup).map_err(|e| e.in_file(&path))
+        PyBrdf::open(bytes, cache_bytes, lookup, pruned).map_err(|e| e.in_file(&path))
     })
 }
 
 impl PyBrdf {
-    fn open(bytes: Bytes, cache_bytes: usize, lookup: Lookup) -> codec::Result<PyBrdf> {
-        Ok(PyBrdf(match Brdf::open(Reader::open(bytes.clone())?) {
+    fn open(bytes: Bytes, cache_bytes: usize, lookup: Lookup, pruned: Pruned) -> codec::Result<PyBrdf> {
+        let open = |bytes| Ok::<_, codec::Error>(Reader::open(bytes)?.with_pruned(pruned));
+        Ok(PyBrdf(match Brdf::open(open(bytes.clone())?) {
             Ok(brdf) => Contents::Brdf(brdf.with_cache_bytes(cache_bytes).with_lookup(lookup)),
-            Err(codec::Error::InvalidArgument(why)) => Contents::Table(Reader::open(bytes)?, why),
+            Err(codec::Error::InvalidArgument(why)) => Contents::Table(open(bytes)?, why),
             Err(e) => return Err(e),
         }))
     }
@@ -164,10 +173,10 @@ impl PyBrdf {
 #[pymethods]
 impl PyBrdf {
     #[new]
-    #[pyo3(signature = (data, cache_bytes = CACHE_BYTES, lookup = "linear"))]
-    fn new(py: Python<'_>, data: PyBackedBytes, cache_bytes: usize, lookup: &str) -> PyResult<PyBrdf> {
-        let lookup = read_lookup(lookup)?;
-        detached(py, || PyBrdf::open(Bytes(Arc::new(data)), cache_bytes, lookup))
+    #[pyo3(signature = (data, cache_bytes = CACHE_BYTES, lookup = "linear", pruned = "refuse"))]
+    fn new(py: Python<'_>, data: PyBackedBytes, cache_bytes: usize, lookup: &str, pruned: &str) -> PyResult<PyBrdf> {
+        let (lookup, pruned) = (read_lookup(lookup)?, read_pruned(pruned)?);
+        detached(py, || PyBrdf::open(Bytes(Arc::new(data)), cache_bytes, lookup, pruned))
     }
 
     /// Number of bins along each axis, slowest first: (90, 90, 180) for MERL. Arrays of decode() have the channels in
@@ -314,9 +323,9 @@ impl PyBrdf {
             let mut values = values.try_readwrite()?;
             for values in values.as_slice_mut()?.chunks_mut(channels * BATCH.min(BATCH_VALUES / channels)) {
                 // Copied while the GIL keeps others from changing them.
-                let pairs = walk.by_ref().take(values.len() / channels).map(|[i, o]| [wi.get(i), wo.get(o)]);
-                let pairs: Vec<_> = pairs.collect();
-                detached(py, || eval_many(brdf, &pairs, values))?;
+                let pairs = walk.by_ref().take(values.len() / channels).map(|[i, o]| (wi.get(i), wo.get(o)));
+                let (wi, wo): (Vec<_>, Vec<_>) = pairs.unzip();
+                detached(py, || eval_many(brdf, &wi, &wo, values))?;
                 py.check_signals()?;
             }
         }

@@ -106,6 +106,8 @@ def test_arguments_are_checked(brdf):
         csbrdf.open(GOLDEN / NAMES[0], lookup="cubic")
     with pytest.raises(ValueError, match="lookup is"):
         csbrdf.Brdf(data, lookup="")
+    with pytest.raises(ValueError, match="pruned is"):
+        csbrdf.Brdf(data, pruned="")
     for call in (lambda: csbrdf.Brdf("text"), lambda: csbrdf.Brdf(None), lambda: csbrdf.open(3.5), lambda: brdf.block("a")):
         with pytest.raises(TypeError):
             call()
@@ -121,3 +123,11 @@ def test_axes_that_are_no_directions_decode_but_do_not_evaluate():
     assert brdf.decode().ndim == 2
     with pytest.raises(csbrdf.Error, match="do not say how directions map"):
         brdf.eval(UP, UP)
+
+
+def test_pruned_blocks_are_refused_unless_allowed():
+    with pytest.raises(csbrdf.Error, match="block 1 was pruned"):
+        csbrdf.open(GOLDEN / "pruned.csbrdf").decode()
+    coarse = csbrdf.open(GOLDEN / "pruned.csbrdf", pruned="coarse")
+    values, slices = coarse.block(1)
+    assert (values > 0).any() and not coarse.validity()[slices].any()

@@ -41,6 +41,7 @@ class Brdf:
         data: Union[bytes, bytearray],
         cache_bytes: int = ...,
         lookup: Literal["linear", "nearest"] = "linear",
+        pruned: Literal["refuse", "coarse"] = "refuse",
     ) -> Brdf: ...
     @property
     def shape(self) -> tuple[int, ...]: ...
@@ -72,4 +73,5 @@ def open(
     path: Union[str, os.PathLike[str]],
     cache_bytes: int = ...,
     lookup: Literal["linear", "nearest"] = "linear",
+    pruned: Literal["refuse", "coarse"] = "refuse",
 ) -> Brdf: ...
