@@ -53,6 +53,7 @@ const EXP64: [f64; 14] = [
 const EXP32: [f32; 8] = [1.0 / 5040.0, 1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 1.0 / 2.0, 1.0, 1.0];
 
 /// atan(t) = t + t^3 P(t^2) / Q(t^2) for |t| <= 0.66, coefficients of Moshier's Cephes library, highest power first; Q begins with 1.
+#[allow(clippy::excessive_precision, reason = "as published")]
 const ATAN_P: [f64; 5] = [
     -8.750608600031904122785e-1,
     -1.615753718733365076637e1,
@@ -60,6 +61,7 @@ const ATAN_P: [f64; 5] = [
     -1.228866684490136173410e2,
     -6.485021904942025371773e1,
 ];
+#[allow(clippy::excessive_precision, reason = "as published")]
 const ATAN_Q: [f64; 5] = [
     2.485846490142306297962e1,
     1.650270098316988542046e2,

@@ -129,6 +129,7 @@ pub(super) fn norm(v: [f64; 3]) -> f64 {
 
 /// Whether the squares of components of a vector of this length neither overflow nor vanish.
 #[inline(always)]
+#[allow(clippy::manual_range_contains, reason = "without a branch")]
 fn is_usual(length: f64) -> bool {
     (length >= 1e-100) & (length < 1e100)
 }

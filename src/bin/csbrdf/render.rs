@@ -1,6 +1,6 @@
 //! `csbrdf render`: a picture straight from files, block by block as the scene asks for them.
 
-use std::path::PathBuf;
+use std::path::Path;
 use std::sync::Mutex;
 use std::time::Instant;
 
@@ -72,7 +72,7 @@ pub fn run(args: &RenderArgs, quiet: bool) -> Outcome {
     Ok(())
 }
 
-fn open(file: &PathBuf, args: &RenderArgs) -> Result<Brdf<Bytes>, Failure> {
+fn open(file: &Path, args: &RenderArgs) -> Result<Brdf<Bytes>, Failure> {
     let reader = input::open(file)?.with_pruned(input::pruned(args.coarse));
     let channels = reader.grid().channels().len();
     if channels != 3 {
