@@ -359,6 +359,17 @@ impl<D: AsRef<[u8]>> Brdf<D> {
 /// Adds weighted values, `[position][channel]`.
 #[inline(always)]
 fn add(taps: &[(usize, f32)], values: &[f32], sums: &mut [f32]) {
+    if let [r, g, b] = sums {
+        // The common case, in registers.
+        let mut sum = [*r, *g, *b];
+        for &(index, share) in taps {
+            if let [x, y, z] = values[3 * index..][..3] {
+                sum = [sum[0] + x * share, sum[1] + y * share, sum[2] + z * share];
+            }
+        }
+        [*r, *g, *b] = sum;
+        return;
+    }
     for &(index, share) in taps {
         let at = &values[index * sums.len()..][..sums.len()];
         sums.iter_mut().zip(at).for_each(|(sum, v)| *sum += v * share);
