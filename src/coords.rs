@@ -200,7 +200,7 @@ pub(crate) fn neighbours(grid: &Grid, coordinates: [f64; 4], lookup: Lookup) -> 
 }
 
 /// The two bins around coordinate `u` and the weight of the second, in [0, 1).
-fn neighbours_on(axis: &Axis, u: f64, lookup: Lookup) -> (usize, usize, f64) {
+pub(crate) fn neighbours_on(axis: &Axis, u: f64, lookup: Lookup) -> (usize, usize, f64) {
     let last = axis.len - 1;
     let u = if u.is_nan() { 0.0 } else { u.clamp(0.0, axis.len as f64) };
     if lookup == Lookup::Nearest {
@@ -263,7 +263,7 @@ fn norm(v: [f64; 3]) -> f64 {
 }
 
 /// The direction at unit length; `None` if zero, not finite or below the horizon.
-fn upper_unit(w: [f64; 3]) -> Option<[f64; 3]> {
+pub(crate) fn upper_unit(w: [f64; 3]) -> Option<[f64; 3]> {
     if w.iter().any(|c| !c.is_finite()) || w[2] < 0.0 {
         return None;
     }

@@ -67,6 +67,7 @@ pub mod format;
 pub mod fourier;
 pub mod grid;
 mod horizon;
+pub mod importance;
 mod lossless;
 #[cfg(feature = "mmap")]
 pub mod map;
