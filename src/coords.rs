@@ -220,7 +220,7 @@ pub(crate) fn neighbours_on(axis: &Axis, u: f64, lookup: Lookup) -> (usize, usiz
 
 /// True where the first and last bins of an azimuth are neighbours: it covers the whole turn, or half a turn of phi_d,
 /// which repeats after pi by reciprocity.
-fn closes(axis: &Axis) -> bool {
+pub(crate) fn closes(axis: &Axis) -> bool {
     // Ranges may have come through degrees or single precision.
     let covers = |period: f64| (axis.end - axis.start - period).abs() < 1e-5 * period;
     axis.name.is_periodic() && (covers(TAU) || axis.name == AxisName::PhiD && covers(PI))

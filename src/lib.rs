@@ -68,6 +68,8 @@ pub mod fourier;
 pub mod grid;
 mod horizon;
 pub mod importance;
+#[cfg(any(feature = "encode", test))]
+pub mod lint;
 mod lossless;
 #[cfg(feature = "mmap")]
 pub mod map;
