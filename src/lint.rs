@@ -1,7 +1,7 @@
 //! Whether a material could exist: energy, reciprocity, mirror symmetry, and what goes on at the horizon.
 //!
-//! Looked at is what a renderer gets: values between bins, and what was filled in where nothing was measured. Directions
-//! and quadratures are fixed, so that the same material gives the same findings.
+//! Looked at is what a renderer gets: values between bins, and what was filled in where nothing was measured.
+//! Directions and quadratures are fixed, so that the same material gives the same findings.
 
 mod measure;
 
@@ -88,7 +88,7 @@ impl fmt::Display for Warning {
             ),
             Warning::Horizon(horizon) => write!(
                 f,
-                "horizon: for light from {} degrees, f cos(theta_o) beyond {} degrees is {:.2} times what it is elsewhere",
+                "horizon: for light from {} degrees, f cos(theta_o) beyond {} degrees is {:.2} times that elsewhere",
                 horizon.theta_i,
                 measure::NEAR_HORIZON,
                 horizon.ratio
@@ -254,7 +254,8 @@ mod tests {
 
     #[test]
     fn a_narrow_lobe_is_integrated() {
-        // A GGX lobe without masking and Fresnel, times 1 / (4 cos_i cos_o), reflects D cos(theta_h) integrated: 1 at the normal.
+        // A GGX lobe without masking and Fresnel, times 1 / (4 cos_i cos_o), reflects D cos(theta_h) integrated: 1 at
+        // the normal.
         let alpha2 = 1e-6;
         let found = findings(|wi, wo| {
             let sum: [f64; 3] = std::array::from_fn(|k| wi[k] + wo[k]);

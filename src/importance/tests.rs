@@ -23,7 +23,7 @@ fn uniform(random: &mut SplitMix64) -> f64 {
     (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64
 }
 
-/// A lobe of GGX's shape with a rise towards grazing, and what is left of it without: smooth, glossy, nothing, and ragged.
+/// A diffuse surface, a lobe of GGX's shape that rises towards grazing, nothing at all, and steps of all sizes.
 fn materials() -> [(&'static str, Importance); 4] {
     let glossy = |pair: Pair| {
         let (sin, cos) = pair.theta_h.sin_cos();
@@ -48,7 +48,7 @@ fn frame([x, y, z]: [f64; 3]) -> [[f64; 3]; 3] {
     [[-x, -y, z], [0.8, -0.6, 0.0], [-0.6 * z, -0.8 * z, -x.hypot(y)]]
 }
 
-/// Integral of a density over each part of the hemisphere of wo, by coordinates that those of the table have no part in.
+/// Integral of a density over each part of the hemisphere of wo, by other coordinates than those of the table.
 fn integrals(wi: [f64; 3], pdf: impl Fn([f64; 3]) -> f64) -> Vec<f64> {
     let frame = frame(wi);
     let mut bins = vec![0.0; BINS[0] * BINS[1]];
@@ -251,8 +251,8 @@ mod of_files {
 
     #[test]
     fn estimates_have_less_noise_than_by_the_cosine_and_no_bias() {
-        // Most that the variance may be of that by the cosine, which is as good as any on what is matte, and of the squared mean.
-        // Green is a small part of the means of satin paint, which is red.
+        // Most that the variance may be of that by the cosine, which is as good as any on what is matte, and of the
+        // squared mean. Green is a small part of the means of satin paint, which is red.
         let cases = [
             ("matte", f64::INFINITY, 0.05),
             ("satin-paint", 0.5, 0.8),

@@ -35,7 +35,8 @@ const MOST_RATIO: f64 = 1e6;
 pub struct Albedo {
     /// Elevation of wi, degrees.
     pub theta_i: f64,
-    /// Integral of f cos(theta_o) over the hemisphere of wo; of an anisotropic material the largest of six azimuths of wi.
+    /// Integral of f cos(theta_o) over the hemisphere of wo; of an anisotropic material the largest of six azimuths of
+    /// wi.
     pub values: Vec<f64>,
     /// What half as many directions change in each of them.
     pub errors: Vec<f64>,
@@ -59,7 +60,8 @@ pub struct Deviation {
 pub struct Horizon {
     /// Elevation of wi, degrees.
     pub theta_i: f64,
-    /// Largest f cos(theta_o), mean of the channels, beyond 80 degrees over the largest before, at most 1e6; 0 if both are.
+    /// Largest f cos(theta_o), mean of the channels, beyond 80 degrees over the largest before, at most 1e6; 0 if both
+    /// are.
     pub ratio: f64,
 }
 
@@ -90,8 +92,8 @@ impl<F: FnMut([f64; 3], [f64; 3], &mut [f32]) -> Result<()>> Look<'_, F> {
         Ok(albedos)
     }
 
-    /// Over half vectors that mirror `wi` to above the horizon: even in the root of theta_h or nearly so, as MERL's bins are, and in
-    /// phi_h, so that lobes as narrow as a bin are seen.
+    /// Over half vectors that mirror `wi` to above the horizon: even in the root of theta_h or nearly so, as MERL's
+    /// bins are, and in phi_h, so that lobes as narrow as a bin are seen.
     fn albedo(&mut self, wi: [f64; 3], [rows, columns]: [usize; 2]) -> Result<Vec<f64>> {
         let mut sums = vec![0.0; self.channels];
         let mut values = vec![0f32; self.channels];
