@@ -196,7 +196,7 @@ fn mirrored([x, y, z]: [f64; 3]) -> [f64; 3] {
 /// Turning the surface changes nothing.
 fn is_isotropic(grid: &Grid) -> bool {
     let has = |name| grid.find(name).is_some();
-    !has(AxisName::PhiH) && !(has(AxisName::PhiI) && has(AxisName::PhiO))
+    !(has(AxisName::PhiH) || has(AxisName::PhiI) && has(AxisName::PhiO))
 }
 
 /// Exchanging the directions, theta_h and theta_d stay and phi_d turns by pi: the grid must not tell these apart.
