@@ -6,9 +6,15 @@
 //! `-phi_h` about the normal and `-theta_h` about the bi-normal; the difference angles are those of `wi` after that.
 //! All angles are in radians.
 
+mod pair;
+
 use std::f64::consts::{PI, TAU};
 
+use crate::exact::atan2;
 use crate::grid::{Axis, AxisName, Grid};
+pub(crate) use pair::upper_unit;
+pub(crate) use pair::{BATCH, Batch};
+use pair::{Pair, azimuth};
 
 /// Half and difference angles of a pair of directions, radians.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,58 +36,6 @@ pub struct HalfDiff {
 pub fn half_diff(wi: [f64; 3], wo: [f64; 3]) -> Option<HalfDiff> {
     let pair = Pair::new(wi, wo)?;
     Some(HalfDiff { theta_h: pair.theta_h(), phi_h: pair.phi_h(), theta_d: pair.theta_d(), phi_d: pair.phi_d() })
-}
-
-/// Two directions and what their half and difference angles are made of; an angle costs its `atan2` only when asked.
-struct Pair {
-    wi: [f64; 3],
-    wo: [f64; 3],
-    /// `|wi + wo|` and `|wi - wo|`, 2 cos(theta_d) and 2 sin(theta_d).
-    along: f64,
-    across: f64,
-    /// Length of `wi + wo` over the surface, and its height.
-    radius: f64,
-    height: f64,
-    sin_phi_h: f64,
-    cos_phi_h: f64,
-}
-
-impl Pair {
-    fn new(wi: [f64; 3], wo: [f64; 3]) -> Option<Pair> {
-        let (wi, wo) = (upper_unit(wi)?, upper_unit(wo)?);
-        let sum: [f64; 3] = std::array::from_fn(|k| wi[k] + wo[k]);
-        let across = norm(std::array::from_fn(|k| wi[k] - wo[k]));
-        let along = norm(sum);
-        if along < 8.0 * f64::EPSILON {
-            return None;
-        }
-        let radius = (sum[0] * sum[0] + sum[1] * sum[1]).sqrt();
-        // Squares of less than this lose digits; the half vector is the normal to any precision.
-        let (radius, sin_phi_h, cos_phi_h) =
-            if radius > 1e-140 { (radius, sum[1] / radius, sum[0] / radius) } else { (0.0, 0.0, 1.0) };
-        Some(Pair { wi, wo, along, across, radius, height: sum[2], sin_phi_h, cos_phi_h })
-    }
-
-    fn theta_h(&self) -> f64 {
-        self.radius.atan2(self.height)
-    }
-
-    fn phi_h(&self) -> f64 {
-        azimuth(self.sin_phi_h, self.cos_phi_h)
-    }
-
-    /// The `atan2` keeps its digits at both ends, where the `acos` of the reference reader loses half of them.
-    fn theta_d(&self) -> f64 {
-        self.across.atan2(self.along)
-    }
-
-    /// In the half vector's frame `wi - wo` is 2 sin(theta_d) times (cos(phi_d), sin(phi_d), 0).
-    fn phi_d(&self) -> f64 {
-        let [x, y, z]: [f64; 3] = std::array::from_fn(|k| self.wi[k] - self.wo[k]);
-        let (sin_h, cos_h) = (self.radius / self.along, self.height / self.along);
-        let tangent = cos_h * (self.cos_phi_h * x + self.sin_phi_h * y) - sin_h * z;
-        azimuth(self.cos_phi_h * y - self.sin_phi_h * x, tangent)
-    }
 }
 
 /// The unit directions `(wi, wo)` of half and difference angles, the inverse of [`half_diff`].
@@ -111,27 +65,51 @@ pub fn directions(angles: HalfDiff) -> ([f64; 3], [f64; 3]) {
 /// azimuth outside an axis that covers only a part of the turn.
 pub fn grid_coordinates(grid: &Grid, wi: [f64; 3], wo: [f64; 3]) -> Option<[f64; 4]> {
     let pair = Pair::new(wi, wo)?;
-    let elevation = |w: [f64; 3]| (w[0] * w[0] + w[1] * w[1]).sqrt().atan2(w[2]);
+    let elevation = |w: [f64; 3]| atan2((w[0] * w[0] + w[1] * w[1]).sqrt(), w[2]);
     let turn = |w: [f64; 3]| azimuth(w[1], w[0]);
+    coordinates(grid, |name| match name {
+        AxisName::Other => None,
+        AxisName::ThetaH => Some(pair.theta_h()),
+        AxisName::ThetaD => Some(pair.theta_d()),
+        AxisName::ThetaI => Some(elevation(pair.wi)),
+        AxisName::ThetaO => Some(elevation(pair.wo)),
+        AxisName::PhiH => Some(pair.phi_h()),
+        AxisName::PhiD => Some(pair.phi_d()),
+        AxisName::PhiI => Some(turn(pair.wi)),
+        AxisName::PhiO => Some(turn(pair.wo)),
+    })
+}
+
+/// The same from the angles by their names.
+#[inline(always)]
+fn coordinates(grid: &Grid, angle: impl Fn(AxisName) -> Option<f64>) -> Option<[f64; 4]> {
     let has = |name| grid.find(name).is_some();
     let mut coordinates = [0.5; 4];
     let padding = 4 - grid.axes().len();
     for (coordinate, axis) in coordinates[padding..].iter_mut().zip(grid.axes()) {
+        let own = angle(axis.name)?;
         *coordinate = match axis.name {
-            AxisName::Other => return None,
-            AxisName::ThetaH => axis.coordinate(pair.theta_h()),
-            AxisName::ThetaD => axis.coordinate(pair.theta_d()),
-            AxisName::ThetaI => axis.coordinate(elevation(pair.wi)),
-            AxisName::ThetaO => axis.coordinate(elevation(pair.wo)),
-            AxisName::PhiH => on_turn(axis, pair.phi_h(), false)?,
-            AxisName::PhiD => on_turn(axis, pair.phi_d(), false)?,
-            AxisName::PhiI if !has(AxisName::PhiO) => on_turn(axis, turn(pair.wi) - turn(pair.wo), true)?,
-            AxisName::PhiO if !has(AxisName::PhiI) => on_turn(axis, turn(pair.wo) - turn(pair.wi), true)?,
-            AxisName::PhiI => on_turn(axis, turn(pair.wi), false)?,
-            AxisName::PhiO => on_turn(axis, turn(pair.wo), false)?,
+            AxisName::PhiI if !has(AxisName::PhiO) => on_turn(axis, own - angle(AxisName::PhiO)?, true)?,
+            AxisName::PhiO if !has(AxisName::PhiI) => on_turn(axis, own - angle(AxisName::PhiI)?, true)?,
+            AxisName::PhiH | AxisName::PhiD | AxisName::PhiI | AxisName::PhiO => on_turn(axis, own, false)?,
+            _ => axis.coordinate(own),
         };
     }
     Some(coordinates)
+}
+
+/// Coordinates of a pair of a batch.
+pub(crate) fn batch_coordinates(grid: &Grid, batch: &Batch, i: usize, wi: [f64; 3], wo: [f64; 3]) -> Option<[f64; 4]> {
+    let [theta_h, theta_d, phi_d] = batch.angles(i);
+    if theta_h.is_nan() {
+        return grid_coordinates(grid, wi, wo);
+    }
+    coordinates(grid, |name| match name {
+        AxisName::ThetaH => Some(theta_h),
+        AxisName::ThetaD => Some(theta_d),
+        AxisName::PhiD => Some(phi_d),
+        _ => None,
+    })
 }
 
 /// How a value is read between bin centres.
@@ -248,38 +226,9 @@ fn on_turn(axis: &Axis, angle: f64, mirrored: bool) -> Option<f64> {
     Some(axis.coordinate(axis.start + past(sign * angle)))
 }
 
-/// `atan2` in 0..2 pi, 2 pi excluded; 0 where both are zero.
-fn azimuth(y: f64, x: f64) -> f64 {
-    if y == 0.0 && x == 0.0 {
-        return 0.0;
-    }
-    let phi = y.atan2(x);
-    let phi = if phi < 0.0 { phi + TAU } else { phi };
-    if phi < TAU { phi } else { 0.0 }
-}
-
-fn norm(v: [f64; 3]) -> f64 {
-    (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
-}
-
-/// The direction at unit length; `None` if zero, not finite or below the horizon.
-pub(crate) fn upper_unit(w: [f64; 3]) -> Option<[f64; 3]> {
-    if w.iter().any(|c| !c.is_finite()) || w[2] < 0.0 {
-        return None;
-    }
-    let length = norm(w);
-    if (1e-100..1e100).contains(&length) {
-        return Some(w.map(|c| c / length));
-    }
-    // Scaled first, so that neither huge nor denormal components are lost in their squares.
-    let largest = w.iter().fold(0.0f64, |m, c| m.max(c.abs()));
-    let scaled = w.map(|c| c / largest);
-    let length = norm(scaled);
-    (largest > 0.0).then(|| scaled.map(|c| c / length))
-}
-
 #[cfg(test)]
 mod tests {
+    use super::pair::norm;
     use super::*;
     use crate::grid::Mapping;
     use proptest::prelude::*;

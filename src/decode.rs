@@ -20,7 +20,7 @@ use crate::format::metadata::Metadata;
 use crate::format::probabilities::read_probabilities;
 use crate::format::profile::{CodedProfile, read_profile};
 use crate::format::record::{Record, ValidityClass};
-use crate::format::{Limits, MAX_BLOCK_VALUES, is_compact, may_double};
+use crate::format::{Limits, MAX_BLOCK_VALUES, is_compact, may_double, may_prune};
 use crate::fourier::{AxisTable, Basis, Extents, Synthesis};
 use crate::grid::Grid;
 use crate::horizon::Horizon;
@@ -59,6 +59,17 @@ pub struct Reader<D> {
     directory: Directory,
     header: Header,
     index: Index,
+    pruned: Pruned,
+}
+
+/// What a decoder makes of blocks that were pruned from a file ([`Reader::with_pruned`]).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Pruned {
+    /// An error, [`Error::Pruned`].
+    #[default]
+    Refuse,
+    /// The block's geometric mean, with the grazing profile if the file has one; no entry counts as measured.
+    Coarse,
 }
 
 /// What decoding needs besides a block's record; the encoder decodes with it before there is a file.
@@ -78,19 +89,28 @@ pub(crate) struct Header {
 /// Buffers of a decode, for callers that rebuild many blocks on a thread.
 #[derive(Debug, Default)]
 pub struct Scratch {
-    coefficients: Vec<i32>,
-    extents: Vec<Extents>,
+    pub(crate) coefficients: Vec<i32>,
+    pub(crate) extents: Vec<Extents>,
     walk: Walk,
     class: ValidityClass,
     /// Empty where the class says enough and the values do not depend on them.
-    masks: Vec<bool>,
+    pub(crate) masks: Vec<bool>,
     /// Exact zeros, `[channel][position]`; empty where the file tells none.
-    zeros: Vec<bool>,
+    pub(crate) zeros: Vec<bool>,
     /// Log values, `[channel][position]`.
     pub(crate) log: Vec<f32>,
     lines: Vec<f32>,
     corrections: Vec<i32>,
     correct: correct::Walk,
+}
+
+impl Scratch {
+    /// Exact zeros in the log values: exp of what they get is zero, and so is the value.
+    fn hide_zeros(&mut self) {
+        for (log, zero) in self.log.iter_mut().zip(&self.zeros) {
+            *log = if *zero { f32::NEG_INFINITY } else { *log };
+        }
+    }
 }
 
 /// Where an entry of a decoded table comes from.
@@ -166,7 +186,7 @@ impl Header {
     }
 
     /// Decodes a record's masks and coefficients into the scratch. Masks: `[channel][position]` or one for all.
-    fn decode_record(
+    pub(crate) fn decode_record(
         &self,
         block: &Block,
         class: ValidityClass,
@@ -182,7 +202,7 @@ impl Header {
             self.decode_masks(block, class, decoder, &mut scratch.masks);
         }
         scratch.coefficients.resize(channels * n, 0);
-        if class == ValidityClass::None {
+        if class.is_mean_only() {
             scratch.extents.clear();
             scratch.extents.resize(channels, [0; 4]);
             scratch.zeros.clear();
@@ -204,7 +224,7 @@ impl Header {
         masks.clear();
         match class {
             ValidityClass::All => masks.resize(n, true),
-            ValidityClass::None => masks.resize(n, false),
+            ValidityClass::None | ValidityClass::Pruned => masks.resize(n, false),
             ValidityClass::Horizon => masks.extend(self.mask_model().predict(block)),
             ValidityClass::Mask | ValidityClass::MaskPerChannel => {
                 let per_channel = class == ValidityClass::MaskPerChannel;
@@ -225,7 +245,8 @@ impl Header {
         let mut decoder = Decoder::new(&self.probabilities, record.coded);
         self.decode_record(block, record.class, &mut decoder, scratch)?;
         self.synthesize(block, means, scratch)?;
-        if let Some(step) = self.coding.correction.filter(|_| record.class != ValidityClass::None) {
+        self.to_channels(&mut scratch.log);
+        if let Some(step) = self.coding.correction.filter(|_| !record.class.is_mean_only()) {
             let Scratch { masks, zeros, log, corrections, .. } = scratch;
             corrections.clear();
             corrections.resize(log.len(), 0);
@@ -238,14 +259,25 @@ impl Header {
             correct(log, corrections, step);
         }
         decoder.check_end()?;
-        for (log, zero) in scratch.log.iter_mut().zip(&scratch.zeros) {
-            // exp of it is zero, and so is the value.
-            *log = if *zero { f32::NEG_INFINITY } else { *log };
-        }
+        scratch.hide_zeros();
         Ok(())
     }
 
-    /// Log values in `scratch.log`, before corrections, from the coefficients and extents in the scratch.
+    /// As [`Header::rebuild`], of a file without corrections, but components of log values, and exact zeros on the side.
+    fn rebuild_components(
+        &self,
+        block: &Block,
+        record: &Record,
+        means: &[i32],
+        scratch: &mut Scratch,
+    ) -> Result<(), &'static str> {
+        let mut decoder = Decoder::new(&self.probabilities, record.coded);
+        self.decode_record(block, record.class, &mut decoder, scratch)?;
+        decoder.check_end()?;
+        self.synthesize(block, means, scratch)
+    }
+
+    /// Components of log values in `scratch.log`, from the coefficients and extents in the scratch.
     fn synthesize(&self, block: &Block, means: &[i32], scratch: &mut Scratch) -> Result<(), &'static str> {
         let n = block.positions();
         scratch.log.resize(scratch.coefficients.len(), 0.0);
@@ -258,7 +290,7 @@ impl Header {
             self.dequantize(component, block.shape, extents, coefficients, means[component], values);
             self.synthesis.synthesize(self.level, block.shape, extents, values, &mut scratch.lines);
         }
-        self.finish(block, &mut scratch.log)
+        self.add_profile(block, &mut scratch.log)
     }
 
     /// The coefficients of a component below the extents, at least 1; what is beyond stays as it is.
@@ -277,14 +309,32 @@ impl Header {
         values[0] = dequantize_mean(step, mean);
     }
 
-    /// Components of a block to log values of its channels, `[channel][position]`: profile and channel transform.
-    fn finish(&self, block: &Block, values: &mut [f32]) -> Result<(), &'static str> {
+    /// Adds the profile, if the file has one, to the components of a block.
+    fn add_profile(&self, block: &Block, values: &mut [f32]) -> Result<(), &'static str> {
         if let Some(profile) = self.profile()? {
             profile.add(self.level, block, values);
         }
+        Ok(())
+    }
+
+    /// Components to log values of channels, `[channel][position]`.
+    fn to_channels(&self, values: &mut [f32]) {
         let (transform, channels) = (&self.coding.transform, self.grid.channels().len());
         self.level.run(ToChannels { transform, channels, values });
-        Ok(())
+    }
+
+    /// BRDF values in the rows of a block, `[channel][row]`, from the components in the scratch.
+    fn values_in_rows(&self, scratch: &mut Scratch, mut rows: Vec<&mut [f32]>) {
+        let eps = self.coding.eps as f32;
+        if let (ChannelTransform::Matrix(matrix), 3, []) =
+            (&self.coding.transform, self.grid.channels().len(), &scratch.zeros[..])
+        {
+            self.level.run(OpponentRows { matrix, eps, components: &scratch.log, rows: &mut rows });
+            return;
+        }
+        self.to_channels(&mut scratch.log);
+        scratch.hide_zeros();
+        copy_rows(rows, self.values(scratch));
     }
 
     fn axes(&self, shape: [usize; 4]) -> [&AxisTable; 4] {
@@ -311,7 +361,9 @@ impl Header {
         scratch.coefficients.extend_from_slice(coefficients);
         scratch.extents.clear();
         scratch.extents.extend_from_slice(extents);
-        self.synthesize(block, means, scratch)
+        self.synthesize(block, means, scratch)?;
+        self.to_channels(&mut scratch.log);
+        Ok(())
     }
 
     /// Masks of all channels of the block that was decoded last, `[channel][position]`.
@@ -335,6 +387,40 @@ impl Task for ToChannels<'_> {
     #[inline(always)]
     fn run<const FUSED: bool>(self) {
         self.transform.inverse(self.values, self.channels);
+    }
+}
+
+/// Three components to values in the rows of a block, in one pass: the sums of [`ChannelTransform::inverse`].
+struct OpponentRows<'a, 'b> {
+    /// Of three channels.
+    matrix: &'a [f32],
+    eps: f32,
+    components: &'a [f32],
+    /// `[channel][row]`.
+    rows: &'a mut [&'b mut [f32]],
+}
+
+impl Task for OpponentRows<'_, '_> {
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        let OpponentRows { matrix, eps, components, rows } = self;
+        let m: [f32; 9] = std::array::from_fn(|i| matrix[i]);
+        let (first, rest) = components.split_at(components.len() / 3);
+        let (second, third) = rest.split_at(first.len());
+        let (red, rest) = rows.split_at_mut(rows.len() / 3);
+        let (green, blue) = rest.split_at_mut(red.len());
+        let mut at = 0;
+        for ((red, green), blue) in red.iter_mut().zip(green).zip(blue) {
+            let place = at..at + red.len();
+            at = place.end;
+            let from = first[place.clone()].iter().zip(&second[place.clone()]).zip(&third[place]);
+            let to = red.iter_mut().zip(green.iter_mut()).zip(blue.iter_mut());
+            for (((r, g), b), ((x, y), z)) in to.zip(from) {
+                *r = inverse_tone_map((x * m[0] + y * m[3]) + z * m[6], eps);
+                *g = inverse_tone_map((x * m[1] + y * m[4]) + z * m[7], eps);
+                *b = inverse_tone_map((x * m[2] + y * m[5]) + z * m[8], eps);
+            }
+        }
     }
 }
 
@@ -427,7 +513,12 @@ impl<D: AsRef<[u8]>> Reader<D> {
             false => Index::read_plain(index, partition.block_count(), channels, records)?,
         };
         let header = Header::new(grid, coding, partition, probabilities).with_profile(profile);
-        Ok(Reader { data, limits, directory, header, index })
+        Ok(Reader { data, limits, directory, header, index, pruned: Pruned::default() })
+    }
+
+    /// The same with another answer for blocks that were pruned.
+    pub fn with_pruned(self, pruned: Pruned) -> Reader<D> {
+        Reader { pruned, ..self }
     }
 
     /// Major version, minor version and draft number (0 when final) of the file.
@@ -479,10 +570,50 @@ impl<D: AsRef<[u8]>> Reader<D> {
         self.data.as_ref().len()
     }
 
+    /// What another file takes over from this one.
+    #[cfg(feature = "encode")]
+    pub(crate) fn header(&self) -> &Header {
+        &self.header
+    }
+
+    #[cfg(feature = "encode")]
+    pub(crate) fn record_bytes(&self, block: usize) -> &[u8] {
+        &self.data.as_ref()[self.index.record(block)]
+    }
+
+    #[cfg(feature = "encode")]
+    pub(crate) fn error_codes(&self, block: usize) -> [u8; 2] {
+        self.index.error_codes(block)
+    }
+
+    #[cfg(feature = "encode")]
+    pub(crate) fn means(&self, block: usize) -> &[i32] {
+        self.index.means(block)
+    }
+
+    /// A section's bytes, its checksum verified; `None` if the file has none of that name.
+    #[cfg(feature = "encode")]
+    pub(crate) fn section(&self, name: &'static str) -> Result<Option<Vec<u8>>> {
+        match self.directory.find(name) {
+            Some(_) => Ok(Some(self.directory.open(self.data.as_ref(), name)?.rest().to_vec())),
+            None => Ok(None),
+        }
+    }
+
     /// Bounds on a block's rms and largest error that the index states.
     #[cfg(feature = "encode")]
     pub(crate) fn stated_errors(&self, block: usize) -> (f32, f32) {
         self.index.errors(block)
+    }
+
+    /// CRC-32 of the index section.
+    pub(crate) fn index_crc(&self) -> u32 {
+        self.directory.find(directory::INDEX).map_or(0, |section| section.crc)
+    }
+
+    /// Bytes of a block's record.
+    pub(crate) fn record_length(&self, block: usize) -> usize {
+        self.index.record(block).len()
     }
 
     /// Provenance and encoder report; empty if the file has none.
@@ -497,40 +628,62 @@ impl<D: AsRef<[u8]>> Reader<D> {
         }
     }
 
-    fn place(&self, block: usize) -> Result<Block> {
+    pub(crate) fn place(&self, block: usize) -> Result<Block> {
         self.header.partition.block(block).ok_or_else(|| {
             Error::InvalidArgument(format!("block {block} does not exist, the file has {}", self.block_count()))
         })
     }
 
-    fn record(&self, block: usize) -> Result<Record<'_>> {
+    pub(crate) fn record(&self, block: usize) -> Result<Record<'_>> {
         let range = self.index.record(block);
         let offset = range.start as u64;
         let doubles = may_double(self.version().2) && self.coding().sampling != Sampling::Every;
-        Record::read(&self.data.as_ref()[range], block as u32, offset, if doubles { MAX_DOUBLINGS } else { 0 })
+        let most_doublings = if doubles { MAX_DOUBLINGS } else { 0 };
+        let may_prune = may_prune(self.version().2);
+        Record::read(&self.data.as_ref()[range], block as u32, offset, most_doublings, may_prune)
+    }
+
+    /// The record of a block that is to be decoded.
+    fn record_to_decode(&self, block: usize) -> Result<Record<'_>> {
+        let record = self.record(block)?;
+        if record.class == ValidityClass::Pruned && self.pruned == Pruned::Refuse {
+            return Err(Error::Pruned { block });
+        }
+        Ok(record)
     }
 
     fn decode_log(&self, block: usize, scratch: &mut Scratch) -> Result<Block> {
-        let place = self.place(block)?;
-        let record = self.record(block)?;
+        self.place(block)?;
+        let record = self.record_to_decode(block)?;
+        self.rebuild(block, &record, scratch)
+    }
+
+    /// Fails if the profile is damaged.
+    fn check_profile(&self) -> Result<()> {
         if let Some(coded) = &self.header.coded_profile {
             self.header.profile().map_err(|what| Error::corrupt("GRAZ", coded.offset, what))?;
         }
+        Ok(())
+    }
+
+    fn rebuild(&self, block: usize, record: &Record, scratch: &mut Scratch) -> Result<Block> {
+        let place = self.place(block)?;
+        self.check_profile()?;
         self.header
-            .rebuild(&place, &record, self.index.means(block), scratch)
+            .rebuild(&place, record, self.index.means(block), scratch)
             .map_err(|what| self.bad_record(block, what))?;
         Ok(place)
     }
 
     /// The coefficients of a block of a file without corrections, in the scratch.
     fn decode_coefficients(&self, block: usize, place: &Block, scratch: &mut Scratch) -> Result<()> {
-        let record = self.record(block)?;
+        let record = self.record_to_decode(block)?;
         let mut decoder = Decoder::new(&self.header.probabilities, record.coded);
         let decoded = self.header.decode_record(place, record.class, &mut decoder, scratch);
         decoded.and_then(|()| decoder.check_end()).map_err(|what| self.bad_record(block, what))
     }
 
-    fn bad_record(&self, block: usize, what: &str) -> Error {
+    pub(crate) fn bad_record(&self, block: usize, what: &str) -> Error {
         Error::corrupt("RECS", self.index.record(block).start as u64, format!("block {block}: {what}"))
     }
 
@@ -650,13 +803,34 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
     /// `Corrupt` if a record is damaged, `LimitExceeded` if the table is above the caller's limit.
     pub fn decode_all(&self) -> Result<Vec<f32>> {
         let mut values = vec![0f32; self.check_table_size()?];
-        let blocks = self.partition().rows_by_block(&mut values);
-        for_each_block(blocks, |scratch, block, rows| {
-            self.decode_log(block, scratch)?;
-            copy_rows(rows, self.header.values(scratch));
-            Ok(())
-        })?;
+        self.decode_all_into(&mut values)?;
         Ok(values)
+    }
+
+    /// As [`Reader::decode_all`], into the caller's memory: positions times channels values.
+    ///
+    /// # Errors
+    /// As [`Reader::decode_all`], with some of `values` written; `InvalidArgument` if its length is another.
+    pub fn decode_all_into(&self, values: &mut [f32]) -> Result<()> {
+        let expected = self.check_table_size()?;
+        if values.len() != expected {
+            return Err(Error::InvalidArgument(format!("the table has {expected} values, not {}", values.len())));
+        }
+        for_each_block(self.partition().rows_by_block(values), |scratch, block, rows| {
+            if self.coding().correction.is_some() {
+                self.decode_log(block, scratch)?;
+                copy_rows(rows, self.header.values(scratch));
+                return Ok(());
+            }
+            let place = self.place(block)?;
+            let record = self.record_to_decode(block)?;
+            self.check_profile()?;
+            self.header
+                .rebuild_components(&place, &record, self.index.means(block), scratch)
+                .map_err(|what| self.bad_record(block, what))?;
+            self.header.values_in_rows(scratch, rows);
+            Ok(())
+        })
     }
 
     /// The whole table in double precision and the source's units, with the validity of its entries.
@@ -713,7 +887,7 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
             }
         };
         let check = |scratch: &mut Scratch, block: usize| {
-            let record = self.decode_log(block, scratch).err();
+            let record = self.record(block).and_then(|record| self.rebuild(block, &record, scratch)).err();
             let bits = exact.as_ref().filter(|_| record.is_none());
             Ok([record, bits.and_then(|index| self.exact_bits(index, block, scratch).err())])
         };
@@ -789,7 +963,7 @@ mod tests {
     #[test]
     fn every_level_gives_the_same_bits() {
         for (name, bytes) in golden() {
-            let mut reader = Reader::open(bytes).unwrap();
+            let mut reader = Reader::open(bytes).unwrap().with_pruned(Pruned::Coarse);
             let best = bits(&reader.decode_all().unwrap());
             reader.header.level = Level::baseline();
             assert!(bits(&reader.decode_all().unwrap()) == best, "{name}");
@@ -802,7 +976,7 @@ mod tests {
         let mut scratch = Scratch::default();
         let mut some = 0;
         for (name, bytes) in golden() {
-            let reader = Reader::open(bytes).unwrap();
+            let reader = Reader::open(bytes).unwrap().with_pruned(Pruned::Coarse);
             let channels = reader.grid().channels().len();
             for block in 0..reader.block_count() {
                 let mut whole = vec![0.0; reader.block_values(block).unwrap()];
@@ -824,12 +998,34 @@ mod tests {
         assert!(some > 10_000);
     }
 
+    /// Values on their way into the table and into a block are the same bits; a wrong length is refused.
+    #[test]
+    fn the_table_is_its_blocks() {
+        for (name, bytes) in golden() {
+            let reader = Reader::open(bytes).unwrap().with_pruned(Pruned::Coarse);
+            let (shape, n) = (reader.grid().shape(), reader.grid().positions());
+            let mut expected = vec![0.0; n * reader.grid().channels().len()];
+            for block in 0..reader.block_count() {
+                let place = reader.place(block).unwrap();
+                let mut values = vec![0.0; reader.block_values(block).unwrap()];
+                reader.block_into(block, &mut values).unwrap();
+                for (plane, values) in expected.chunks_exact_mut(n).zip(values.chunks_exact(place.positions())) {
+                    place.scatter(shape, values, plane);
+                }
+            }
+            let mut table = vec![f32::NAN; expected.len()];
+            reader.decode_all_into(&mut table).unwrap();
+            assert!(bits(&table) == bits(&expected), "{name}");
+            assert!(reader.decode_all_into(&mut table[1..]).is_err());
+        }
+    }
+
     /// Buffers hold what the block before left, of another shape or file: nothing of it comes through.
     #[test]
     fn what_a_scratch_holds_does_not_matter() {
         let mut stale = Scratch::default();
         for (name, bytes) in golden() {
-            let reader = Reader::open(bytes).unwrap();
+            let reader = Reader::open(bytes).unwrap().with_pruned(Pruned::Coarse);
             for block in (0..reader.block_count()).rev() {
                 let mut fresh = vec![0.0; reader.block_values(block).unwrap()];
                 reader.block_into(block, &mut fresh).unwrap();

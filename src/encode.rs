@@ -394,8 +394,8 @@ impl Encoder {
         let fitted = self.profile && self.basis == Basis::Dct;
         let guesses = plain.guesses();
         let steep = fitted.then(|| plain.with_profile(grid, transform, self)).flatten();
-        let plain = plain.filled(&guesses);
-        let Some(steep) = steep.map(|steep| steep.filled(&guesses)) else { return Ok(Some(plain)) };
+        let (plain, steep) = rayon::join(|| plain.filled(&guesses), || steep.map(|steep| steep.filled(&guesses)));
+        let Some(steep) = steep else { return Ok(Some(plain)) };
         drop(guesses);
         let pays = self.profile_pays(&plain, &steep, transform, grid)?;
         Ok(Some(if pays { steep } else { plain }))

@@ -37,6 +37,11 @@ pub enum Error {
         /// What was found and what was expected.
         what: String,
     },
+    /// A block that was pruned from the file, which the caller did not allow ([`crate::decode::Pruned`]).
+    Pruned {
+        /// Its number.
+        block: usize,
+    },
     /// A size is beyond the limits that the caller set ([`crate::format::Limits`]).
     LimitExceeded {
         /// Name of the limited quantity.
@@ -110,6 +115,13 @@ impl fmt::Display for Error {
             }
             Error::Corrupt { section, offset, what } => {
                 write!(f, "corrupt {section} at offset {offset}: {what}")
+            }
+            Error::Pruned { block } => {
+                write!(
+                    f,
+                    "block {block} was pruned from this file; use the file that it was pruned from, or allow the block's \
+                     mean in its place (--coarse, Pruned::Coarse)"
+                )
             }
             Error::LimitExceeded { what, got, limit } => {
                 write!(f, "{what} is {got}, above the limit of {limit}; raise the limit if the file is trusted")

@@ -1,19 +1,26 @@
 //! BRDF values at pairs of directions, straight from a compressed file.
 
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use arc_swap::ArcSwapOption;
 
 use crate::block::unravel;
-use crate::coords::{Around, Lookup, grid_coordinates, neighbours};
+use crate::coords::{Around, BATCH, Batch, Lookup, batch_coordinates, grid_coordinates, neighbours};
 use crate::decode::point::Sparse;
 use crate::decode::{Reader, Scratch};
 use crate::error::{Error, Result};
+use crate::grid::AxisName;
+use crate::touched::Touched;
 
-/// Most blocks whose coefficients are kept: eight bytes a coefficient that is not zero, and a byte an entry where the block has
-/// exact zeros.
+/// Most blocks whose coefficients are kept.
 const SPARSE_BLOCKS: usize = 4096;
+
+/// Most places of the cache: eight bytes each, empty or not.
+const CACHE_BLOCKS: usize = 1 << 16;
+
+/// Of the cache's bytes, coefficients get one in so many; most materials need 0.2 MB.
+const SPARSE_SHARE: usize = 4;
 
 /// Values of a block whose rebuilding takes about as long as one look-up from its coefficients: 6 ns a value, 10 us.
 const VALUES_A_LOOKUP: usize = 2048;
@@ -29,6 +36,14 @@ struct Cached {
     block: usize,
     /// `[position][channel]`: a look-up wants all channels of few positions.
     values: Vec<f32>,
+    /// Looked at since the clock's hand came by.
+    used: AtomicBool,
+}
+
+impl Cached {
+    fn bytes(&self) -> usize {
+        size_of::<Cached>() + self.values.capacity() * size_of::<f32>()
+    }
 }
 
 /// Evaluates a file at directions; rebuilds blocks when that pays and keeps some of them.
@@ -40,10 +55,20 @@ struct Cached {
 pub struct Brdf<D> {
     reader: Reader<D>,
     lookup: Lookup,
-    /// Direct-mapped: block b lives at b modulo the length.
+    /// Block b lives at b modulo the length. Blocks leave by the clock rule: in turn, but those used meanwhile a round later.
     cache: Vec<ArcSwapOption<Cached>>,
+    cache_bytes: AtomicUsize,
+    cache_most: usize,
+    hand: AtomicUsize,
     /// Coefficients of blocks, likewise.
     sparse: Vec<ArcSwapOption<Sparse>>,
+    /// Bytes of them, and the most that are kept.
+    sparse_bytes: AtomicUsize,
+    sparse_most: usize,
+    /// Blocks that were looked at, a bit each.
+    touched: Vec<AtomicU64>,
+    /// How often a block was rebuilt.
+    rebuilt: AtomicUsize,
     /// Buffers of decodes, one for each that ever went on at the same time.
     scratch: Mutex<Vec<Scratch>>,
 }
@@ -60,7 +85,21 @@ impl<D: AsRef<[u8]>> Brdf<D> {
             return Err(Error::InvalidArgument(format!("axes {names:?} do not say how directions map to the grid")));
         }
         let sparse = (0..reader.block_count().min(SPARSE_BLOCKS)).map(|_| ArcSwapOption::empty()).collect();
-        let brdf = Brdf { reader, lookup: Lookup::Linear, cache: Vec::new(), sparse, scratch: Mutex::default() };
+        let touched = (0..reader.block_count().div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
+        let brdf = Brdf {
+            reader,
+            lookup: Lookup::Linear,
+            cache: Vec::new(),
+            cache_bytes: AtomicUsize::new(0),
+            cache_most: 0,
+            hand: AtomicUsize::new(0),
+            sparse,
+            sparse_bytes: AtomicUsize::new(0),
+            sparse_most: 0,
+            touched,
+            rebuilt: AtomicUsize::new(0),
+            scratch: Mutex::default(),
+        };
         Ok(brdf.with_cache_bytes(DEFAULT_BYTES))
     }
 
@@ -69,24 +108,39 @@ impl<D: AsRef<[u8]>> Brdf<D> {
         Brdf { lookup, ..self }
     }
 
-    /// The same with a cache that holds at most so many bytes of decoded blocks, but always one block. The coefficients of up to
-    /// 4096 blocks are kept besides: 0.2 MB for most materials, more where noise is coded or entries are exactly zero.
+    /// The same with a cache of at most so many bytes: three quarters for decoded blocks, at least one of them, and the rest for
+    /// coefficients of blocks. Where those do not fit, blocks are rebuilt without them.
     pub fn with_cache_bytes(self, bytes: usize) -> Brdf<D> {
-        let largest = self.reader.partition().largest_block() * self.reader.grid().channels().len();
-        self.with_cache(bytes / (largest * size_of::<f32>()))
-    }
-
-    /// The same with a cache of at most `blocks` blocks, at least one.
-    pub fn with_cache(self, blocks: usize) -> Brdf<D> {
-        // An odd length keeps neighbours along the slower axes, often powers of two apart, from sharing a place.
-        let odd = blocks.saturating_sub(1) | 1;
-        let length = if blocks < self.reader.block_count() { odd } else { self.reader.block_count() };
-        Brdf { cache: (0..length).map(|_| ArcSwapOption::empty()).collect(), ..self }
+        let sparse_most = bytes / SPARSE_SHARE;
+        let cache_most = bytes - sparse_most;
+        let sparse = self.sparse.iter().map(|_| ArcSwapOption::empty()).collect();
+        let cache = (0..self.reader.block_count().min(CACHE_BLOCKS)).map(|_| ArcSwapOption::empty()).collect();
+        let [cache_bytes, sparse_bytes, hand] = std::array::from_fn(|_| AtomicUsize::new(0));
+        Brdf { cache, cache_bytes, cache_most, hand, sparse, sparse_bytes, sparse_most, ..self }
     }
 
     /// The file.
     pub fn reader(&self) -> &Reader<D> {
         &self.reader
+    }
+
+    /// The blocks that were looked at so far; [`crate::touched`] says what for.
+    pub fn touched(&self) -> Touched {
+        let bit = |b: usize| self.touched[b / 64].load(Ordering::Relaxed) >> (b % 64) & 1 == 1;
+        Touched::new((0..self.reader.block_count()).map(bit).collect(), self.reader.index_crc())
+    }
+
+    /// Bytes of the records of these blocks: what was read of the file besides its other sections.
+    pub fn bytes_touched(&self) -> usize {
+        let touched = self.touched();
+        let lengths =
+            touched.blocks().iter().enumerate().filter(|(_, t)| **t).map(|(b, _)| self.reader.record_length(b));
+        lengths.sum()
+    }
+
+    /// How often a block was rebuilt so far, blocks that had left the cache again included.
+    pub fn blocks_rebuilt(&self) -> usize {
+        self.rebuilt.load(Ordering::Relaxed)
     }
 
     /// BRDF in 1/sr for light from `wi` and view to `wo`: vectors away from the surface in its frame, the normal
@@ -110,9 +164,47 @@ impl<D: AsRef<[u8]>> Brdf<D> {
         if value.len() != channels {
             return Err(Error::InvalidArgument(format!("the file has {channels} channels, not {}", value.len())));
         }
+        self.at(grid_coordinates(grid, wi, wo), value)
+    }
+
+    /// As [`Brdf::eval_into`] for many pairs, the same bits in less time: `values` is `[pair][channel]`.
+    ///
+    /// # Errors
+    /// `Corrupt` if a block that is needed is damaged; `InvalidArgument` if the lengths do not fit.
+    pub fn eval_many(&self, wi: &[[f64; 3]], wo: &[[f64; 3]], values: &mut [f32]) -> Result<()> {
+        let grid = self.reader.grid();
+        let channels = grid.channels().len();
+        if wi.len() != wo.len() || values.len() != wi.len() * channels {
+            return Err(Error::InvalidArgument(format!(
+                "{} and {} directions and {} values do not fit; the file has {channels} channels",
+                wi.len(),
+                wo.len(),
+                values.len()
+            )));
+        }
+        let of_half =
+            grid.axes().iter().all(|a| matches!(a.name, AxisName::ThetaH | AxisName::ThetaD | AxisName::PhiD));
+        if !of_half {
+            let pairs = wi.iter().zip(wo).zip(values.chunks_exact_mut(channels));
+            return pairs.into_iter().try_for_each(|((wi, wo), value)| self.eval_into(*wi, *wo, value));
+        }
+        let mut batch = Batch::new();
+        let pairs = wi.chunks(BATCH).zip(wo.chunks(BATCH)).zip(values.chunks_mut(BATCH * channels));
+        for ((wi, wo), values) in pairs {
+            batch.fill(wi, wo);
+            for (i, value) in values.chunks_exact_mut(channels).enumerate() {
+                self.at(batch_coordinates(grid, &batch, i, wi[i], wo[i]), value)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The value at grid coordinates; 0 where there are none.
+    #[inline]
+    fn at(&self, coordinates: Option<[f64; 4]>, value: &mut [f32]) -> Result<()> {
         value.fill(0.0);
-        let Some(coordinates) = grid_coordinates(grid, wi, wo) else { return Ok(()) };
-        self.sum(&neighbours(grid, coordinates, self.lookup), value)?;
+        let Some(coordinates) = coordinates else { return Ok(()) };
+        self.sum(&neighbours(self.reader.grid(), coordinates, self.lookup), value)?;
         // Weights sum to one only up to rounding, and saturated values stand at the largest finite number.
         value.iter_mut().for_each(|v| *v = v.min(f32::MAX));
         Ok(())
@@ -167,9 +259,17 @@ impl<D: AsRef<[u8]>> Brdf<D> {
 
     /// Adds weighted values of positions of a block.
     fn sum_in_block(&self, block: usize, shape: [usize; 4], taps: &[(usize, f32)], value: &mut [f32]) -> Result<()> {
+        let (word, bit) = (&self.touched[block / 64], 1 << (block % 64));
+        // Read first: a write would take the cache line away from other threads.
+        if word.load(Ordering::Relaxed) & bit == 0 {
+            word.fetch_or(bit, Ordering::Relaxed);
+        }
         let slot = &self.cache[block % self.cache.len()];
         let found = slot.load();
         if let Some(cached) = found.as_ref().filter(|cached| cached.block == block) {
+            if !cached.used.load(Ordering::Relaxed) {
+                cached.used.store(true, Ordering::Relaxed);
+            }
             add(taps, &cached.values, value);
             return Ok(());
         }
@@ -187,19 +287,52 @@ impl<D: AsRef<[u8]>> Brdf<D> {
             sparse.uses.store(0, Ordering::Relaxed);
         }
         let cached = self.decode(block)?;
+        self.rebuilt.fetch_add(1, Ordering::Relaxed);
         add(taps, &cached.values, value);
-        slot.store(Some(Arc::new(cached)));
+        self.keep(cached);
         Ok(())
     }
 
-    /// The coefficients of a block, if single values can be had from them.
+    /// Puts a block into the cache, and as many out as make room.
+    fn keep(&self, cached: Cached) {
+        let (own, bytes) = (cached.block % self.cache.len(), cached.bytes());
+        let replace = |place: usize, with: Option<Arc<Cached>>| {
+            let before = self.cache[place].swap(with);
+            self.cache_bytes.fetch_sub(before.map_or(0, |before| before.bytes()), Ordering::Relaxed);
+        };
+        self.cache_bytes.fetch_add(bytes, Ordering::Relaxed);
+        replace(own, Some(Arc::new(cached)));
+        // Two rounds at most: in the first, all may have been used.
+        for _ in 0..2 * self.cache.len() {
+            if self.cache_bytes.load(Ordering::Relaxed) <= self.cache_most {
+                return;
+            }
+            let place = self.hand.fetch_add(1, Ordering::Relaxed) % self.cache.len();
+            let used =
+                self.cache[place].load().as_ref().is_none_or(|cached| cached.used.swap(false, Ordering::Relaxed));
+            if place != own && !used {
+                replace(place, None);
+            }
+        }
+    }
+
+    /// The coefficients of a block, if single values can be had from them and there is room to keep them.
     fn sparse(&self, block: usize) -> Result<Option<Arc<Sparse>>> {
         let slot = &self.sparse[block % self.sparse.len()];
         if let Some(sparse) = slot.load_full().filter(|sparse| sparse.block == block) {
             return Ok(Some(sparse));
         }
+        if self.sparse_bytes.load(Ordering::Relaxed) + self.reader.likely_sparse_bytes(block) > self.sparse_most {
+            return Ok(None);
+        }
         let sparse = self.with_scratch(|scratch| self.reader.sparse_block(block, scratch))?.map(Arc::new);
-        slot.store(sparse.clone());
+        let bytes = sparse.as_ref().map_or(0, |sparse| sparse.bytes());
+        if self.sparse_bytes.fetch_add(bytes, Ordering::Relaxed) + bytes > self.sparse_most {
+            self.sparse_bytes.fetch_sub(bytes, Ordering::Relaxed);
+            return Ok(sparse);
+        }
+        let before = slot.swap(sparse.clone());
+        self.sparse_bytes.fetch_sub(before.map_or(0, |before| before.bytes()), Ordering::Relaxed);
         Ok(sparse)
     }
 
@@ -219,7 +352,7 @@ impl<D: AsRef<[u8]>> Brdf<D> {
         for (c, plane) in planes.chunks_exact(planes.len() / channels).enumerate() {
             values[c..].iter_mut().step_by(channels).zip(plane).for_each(|(value, v)| *value = *v);
         }
-        Ok(Cached { block, values })
+        Ok(Cached { block, values, used: AtomicBool::new(false) })
     }
 }
 
@@ -246,7 +379,7 @@ mod tests {
     use super::*;
     use crate::coords::{HalfDiff, directions, taps};
     use crate::encode::Encoder;
-    use crate::grid::{Axis, AxisName, Grid, Mapping};
+    use crate::grid::{Axis, Grid, Mapping};
     use crate::sample::SplitMix64;
     use crate::table::BrdfTable;
     use crate::table::synth::Recipe;
@@ -278,9 +411,9 @@ mod tests {
     #[test]
     fn eval_is_the_weighted_sum_of_the_decoded_table() {
         for lookup in [Lookup::Nearest, Lookup::Linear] {
-            // One place in the cache: every other block evicts.
-            for cache in [1, 64] {
-                let brdf = small_brdf().with_lookup(lookup).with_cache(cache);
+            // One place in the cache and no room for coefficients, one place and some room, room for all.
+            for cache in [0, 20_000, 1 << 20] {
+                let brdf = small_brdf().with_lookup(lookup).with_cache_bytes(cache);
                 let table = brdf.reader().decode_all().unwrap();
                 let n = brdf.reader().grid().positions();
                 let mut random = SplitMix64(3);
@@ -297,6 +430,15 @@ mod tests {
                         assert!((f64::from(*value) - expected).abs() <= 1e-5 * expected.abs() + 1e-7);
                     }
                 }
+                let held = |bytes: usize| {
+                    brdf.sparse.iter().filter_map(|slot| slot.load_full()).fold(bytes, |n, s| n + s.bytes())
+                };
+                assert_eq!(held(0), brdf.sparse_bytes.load(Ordering::Relaxed));
+                assert!(held(0) <= cache / SPARSE_SHARE);
+                let blocks: Vec<_> = brdf.cache.iter().filter_map(|slot| slot.load_full()).collect();
+                let bytes = blocks.iter().map(|block| block.bytes()).sum::<usize>();
+                assert_eq!(bytes, brdf.cache_bytes.load(Ordering::Relaxed));
+                assert!(bytes <= brdf.cache_most || blocks.len() == 1, "{bytes} bytes, {} blocks", blocks.len());
             }
         }
     }
@@ -352,8 +494,26 @@ mod tests {
     }
 
     #[test]
+    fn many_are_each_one() {
+        let brdf = small_brdf();
+        let mut random = SplitMix64(11);
+        let mut wi: Vec<_> = (0..2 * BATCH + 3).map(|_| random_direction(&mut random)).collect();
+        let mut wo: Vec<_> = wi.iter().map(|_| random_direction(&mut random)).collect();
+        (wi[0], wo[1], wi[2], wo[3]) = ([0.0, 0.6, -0.8], [f64::NAN, 0.0, 1.0], [0.0; 3], [1e-200, 0.0, 1e-200]);
+        (wi[4], wo[4]) = ([1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]);
+        let mut values = vec![7.0; 3 * wi.len()];
+        brdf.eval_many(&wi, &wo, &mut values).unwrap();
+        for (i, value) in values.chunks_exact(3).enumerate() {
+            assert_eq!(value, brdf.eval(wi[i], wo[i]).unwrap(), "pair {i}");
+        }
+        assert!(brdf.eval_many(&wi, &wo[1..], &mut values).is_err());
+        assert!(brdf.eval_many(&wi, &wo, &mut values[1..]).is_err());
+        brdf.eval_many(&[], &[], &mut []).unwrap();
+    }
+
+    #[test]
     fn threads_agree() {
-        let brdf = small_brdf().with_cache(2);
+        let brdf = small_brdf().with_cache_bytes(20_000);
         let pairs: Vec<_> = {
             let mut random = SplitMix64(5);
             (0..200).map(|_| (random_direction(&mut random), random_direction(&mut random))).collect()

@@ -18,8 +18,9 @@ pub const MAGIC: [u8; 8] = [0x8B, b'C', b'S', b'B', b'\r', b'\n', 0x1A, b'\n'];
 /// Last bytes of every file.
 pub const END_MARKER: [u8; 8] = *b"CSBRDF.\n";
 
-/// Major version, minor version and draft number that this build writes; draft 0 means final.
-pub const VERSION: (u16, u16, u16) = (1, 0, 4);
+/// Newest major version, minor version and draft number that this build reads; draft 0 means final. A file states the oldest draft
+/// that has all it needs.
+pub const VERSION: (u16, u16, u16) = (1, 0, 5);
 /// Oldest draft that this build reads.
 pub const OLDEST_DRAFT: u16 = 1;
 /// First draft whose records may double the sampling ratio.
@@ -27,7 +28,9 @@ const DOUBLINGS_DRAFT: u16 = 2;
 /// First draft with a coded index, codes of probabilities, exact zeros, grazing profiles, corrections.
 const COMPACT_DRAFT: u16 = 3;
 /// First draft with dependent quantisation and coded probabilities.
-const DEPENDENT_DRAFT: u16 = 4;
+pub(crate) const DEPENDENT_DRAFT: u16 = 4;
+/// First draft with pruned blocks.
+pub(crate) const PRUNED_DRAFT: u16 = 5;
 
 /// Whether this build reads files of a draft; 0 is final, and after every draft.
 pub(crate) fn reads_draft(draft: u16) -> bool {
@@ -47,6 +50,11 @@ pub(crate) fn is_compact(draft: u16) -> bool {
 /// Whether files of a draft may have dependent quantisation, and have the section of probabilities that came with it.
 pub(crate) fn is_dependent(draft: u16) -> bool {
     draft == 0 || draft >= DEPENDENT_DRAFT
+}
+
+/// Whether blocks of a draft's files may be pruned.
+pub(crate) fn may_prune(draft: u16) -> bool {
+    draft == 0 || draft >= PRUNED_DRAFT
 }
 
 /// Most axes of a grid.
@@ -125,6 +133,7 @@ mod tests {
         assert_eq!([0, 1, 2, 3].map(may_double), [true, false, true, true]);
         assert_eq!([0, 1, 2, 3, 4].map(is_compact), [true, false, false, true, true]);
         assert_eq!([0, 2, 3, 4, 5].map(is_dependent), [true, false, false, true, true]);
+        assert_eq!([0, 3, 4, 5, 6].map(may_prune), [true, false, false, true, true]);
         assert_eq!(
             [OLDEST_DRAFT - 1, OLDEST_DRAFT, VERSION.2, VERSION.2 + 1].map(reads_draft),
             [false, true, true, false]

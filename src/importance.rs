@@ -88,6 +88,9 @@ impl Importance {
     /// over the turn of the surface, the mean is taken. For all others the same as [`Importance::cosine`], and nothing
     /// is decoded.
     ///
+    /// Blocks that were pruned from the file, unless the reader takes their means, count as if they were not on the
+    /// grid: other weights than those of the whole file, and few draws lead there, but not none.
+    ///
     /// # Errors
     /// `Corrupt` if a block is damaged, `LimitExceeded` if the table is above the caller's limit.
     pub fn new<D: AsRef<[u8]>>(reader: &Reader<D>) -> Result<Importance> {

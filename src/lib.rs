@@ -81,6 +81,8 @@ pub mod plan;
 mod profile;
 #[cfg(feature = "encode")]
 pub mod proof;
+#[cfg(feature = "encode")]
+pub mod prune;
 pub mod quantize;
 mod range;
 #[cfg(feature = "encode")]
@@ -91,6 +93,7 @@ mod simd;
 pub mod solve;
 pub mod table;
 pub mod tone;
+pub mod touched;
 mod zeros;
 
 pub use error::{Error, Result};

@@ -130,7 +130,7 @@ impl Findings {
 /// Looks at a file. Most blocks are decoded; takes some tenths of a second.
 ///
 /// # Errors
-/// `Corrupt` if a block is damaged, `LimitExceeded` if the table is above the caller's limit.
+/// `Corrupt` if a block is damaged, `Pruned` if one was left out, `LimitExceeded` if the table is above the caller's limit.
 pub fn lint_brdf<D: AsRef<[u8]>>(brdf: &Brdf<D>) -> Result<Findings> {
     let shares = shares_of(brdf.reader())?;
     look(brdf.reader().grid(), shares, |wi, wo, values| brdf.eval_into(wi, wo, values))

@@ -95,6 +95,15 @@ impl Profile {
         }
     }
 
+    /// The part of a row outside of which a side has no profile.
+    #[inline(always)]
+    fn within(&self, roots: &[f32]) -> std::ops::Range<usize> {
+        let last = (self.knots - 1) as f32;
+        let start = roots.iter().position(|root| *root < last).unwrap_or(roots.len());
+        let end = roots.iter().rposition(|root| *root < last).map_or(start, |i| i + 1);
+        start..end
+    }
+
     /// Adds the profile to the components of a block, `[component][position]`.
     pub(crate) fn add(&self, level: Level, block: &Block, values: &mut [f32]) {
         level.run(Add { profile: self, block, values });
@@ -115,17 +124,24 @@ impl Profile {
                     continue;
                 }
                 let start = (i * nd + j) * np;
+                // Mostly the sides are low at different ends of the row.
+                let places = roots.each_ref().map(|roots| self.within(roots));
+                let any = places[0].start.min(places[1].start)..places[0].end.max(places[1].end);
                 for (group, planes) in values.chunks_mut(LANES * n).enumerate() {
                     self.row(group, oh + i, od + j, &mut sides);
+                    sums.clear();
                     sums.resize(np, [0.0; LANES]);
-                    for ((sum, light), sensor) in sums.iter_mut().zip(&roots[0]).zip(&roots[1]) {
-                        let (light, sensor) = (interpolate(&sides[0], *light), interpolate(&sides[1], *sensor));
-                        for lane in 0..LANES {
-                            sum[lane] = light[lane] + sensor[lane];
+                    for ((side, roots), places) in sides.iter().zip(&roots).zip(&places) {
+                        for (sum, root) in sums[places.clone()].iter_mut().zip(&roots[places.clone()]) {
+                            let more = interpolate(side, *root);
+                            for lane in 0..LANES {
+                                sum[lane] += more[lane];
+                            }
                         }
                     }
                     for (lane, plane) in planes.chunks_exact_mut(n).enumerate() {
-                        for (value, sum) in plane[start..start + np].iter_mut().zip(&sums) {
+                        let row = &mut plane[start..start + np][any.clone()];
+                        for (value, sum) in row.iter_mut().zip(&sums[any.clone()]) {
                             *value += sum[lane];
                         }
                     }

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A plain decoder of .csbrdf files (format 1.0, drafts 1 to 4), written from csbrdf.md for reading along with it.
+"""A plain decoder of .csbrdf files (format 1.0, drafts 1 to 5), written from csbrdf.md for reading along with it.
 
     csbrdf_decode.py FILE...                   name and CRC-32 of the values, the binary64 values / scale, the validity
     csbrdf_decode.py --check HASHES [FILE...]  compare these with a list; exit 1 on a difference
@@ -8,6 +8,8 @@
     csbrdf_decode.py --exact [...] FILE        the values of a lossless file's source, bit for bit, those that are not
                                                valid included: with -o OUT.npy or OUT.binary (MERL's form) or --block N
                                                these instead of the decoded ones, else their CRC-32 as well
+    csbrdf_decode.py --allow-pruned [...] FILE decode pruned blocks too, as blocks without valid entries; without this
+                                               they are an error. --check always allows them
 
 Needs NumPy. Every operation on arrays is elementwise, in the precision of the array, so the order and the roundings are
 those of the specification. Numbers in docstrings are its sections. META (3.7) is not decoded, only its CRC is checked.
@@ -26,7 +28,7 @@ import numpy as np
 
 F32, F64 = np.float32, np.float64
 AXES = ["other", "theta_h", "phi_h", "theta_d", "phi_d", "theta_i", "phi_i", "theta_o", "phi_o"]
-ALL, NONE, HORIZON, MASK, MASK_PER_CHANNEL = range(5)  # classes of validity, 3.8
+ALL, NONE, HORIZON, MASK, MASK_PER_CHANNEL, PRUNED = range(6)  # classes of validity, 3.8
 ANY, EXTENT, ROW, SIGNIFICANT, EXPONENT, MANTISSA, MASKS, ZEROS = 0, 3, 195, 276, 708, 1308, 1333, 1397  # 4.6
 C_ANY, C_ROW, C_PRESENT, C_EXPONENT, C_MANTISSA, C_SIGN, CONTEXTS = 1437, 1440, 1449, 1549, 1599, 1624, 1633  # 4.11
 D_SIGNIFICANT, D_CONTEXTS = 1633, 2065  # 4.6, of dependent quantisation
@@ -37,7 +39,7 @@ NEXT_STATE = [(0, 2), (2, 0), (1, 3), (3, 1)]  # 4.5: after a coefficient of eve
 
 
 class Refused(Exception):
-    """5: what is reserved, out of range, contradictory or damaged."""
+    """5: what is reserved, out of range, contradictory or damaged; 3.8: what was pruned."""
 
 
 class Cursor:
@@ -137,12 +139,12 @@ def exp64(x):
 # ------------------------------------------------------------------------------------------------- 3. The container
 
 class File:
-    """3: a file whose header sections have been checked."""
+    """3: a file whose header sections have been checked. Pruned blocks (3.8) are refused unless they are allowed."""
 
-    def __init__(self, data):
-        self.data = data
+    def __init__(self, data, allow_pruned=False):
+        self.data, self.allow_pruned = data, allow_pruned
         self.container()
-        self.doublings = {}
+        self.doublings, self.pruned = {}, set()  # of the blocks decoded so far
         self.tables = self.parts = None
         for read in (self.grid, self.code, self.part, self.prob, self.graz, self.indx):
             name = read.__name__.upper()
@@ -159,7 +161,7 @@ class File:
         c.check(major == 1, f"major version {major} is not known")
         minor = c.get("H", "minor version")
         draft = c.get("H", "draft")
-        c.check(1 <= draft <= 4, f"draft {draft} of version {major}.{minor} is not known")
+        c.check(1 <= draft <= 5, f"draft {draft} of version {major}.{minor} is not known")
         self.draft, self.before_3, self.before_4 = draft, draft < 3, draft < 4
         count = c.get("H", "number of sections", 1, 64)
         c.check(c.get("Q", "length of the file") == len(self.data), f"the file has {len(self.data)} bytes")
@@ -429,7 +431,8 @@ class File:
         c.check(crc == int.from_bytes(data[-4:], "little"), "CRC is wrong")
         first_byte = c.get("B", "class of validity and doublings")
         validity_class, doublings = first_byte & 7, first_byte >> 3
-        c.check(validity_class <= MASK_PER_CHANNEL, f"class of validity {validity_class} is reserved")
+        highest = MASK_PER_CHANNEL if self.draft < 5 else PRUNED
+        c.check(validity_class <= highest, f"class of validity {validity_class} is reserved")
         c.check(doublings == 0 or self.draft != 1 and self.ratio > 0, f"{doublings} doublings of the sampling ratio")
         self.doublings[number] = doublings
         coded = c.bytes(length - 5)
@@ -438,8 +441,12 @@ class File:
         zero = np.zeros_like(valid)
         q = np.zeros((self.channels,) + shape, np.int64)
         coder = None
-        if validity_class == NONE:
+        if validity_class in (NONE, PRUNED):
             c.check(not coded, "coded bytes in a block without valid entries")
+            if validity_class == PRUNED:
+                self.pruned.add(number)
+                if not self.allow_pruned:
+                    raise Refused(f"{c.name}: block {number} was pruned")
         else:
             coder = RangeDecoder(coded, self.probabilities)
             valid[:] = masks(coder, validity_class, self.channels, *self.horizon(first, shape))
@@ -577,6 +584,7 @@ class File:
         c.check(zlib.crc32(struct.pack("<I", number) + coded) == c.get("I", "CRC"), "CRC is wrong")
         coder = RangeDecoder(coded, [32768] * X_CONTEXTS)
         _, values, valid = self.values(number)
+        c.check(number not in self.pruned, "the block was pruned, exact values need what its record told")
         bits = exact_bits(coder, values, valid, self.usual, self.scale, self.eps, c)
         c.check(coder.pos >= len(coded), "not all coded bytes are used")
         return bits, valid
@@ -997,7 +1005,8 @@ def print_block(file, number, exact):
     if not 0 <= number < len(file.blocks):
         raise Refused(f"there is no block {number}, only {len(file.blocks)}")
     values, valid = file.exact_values(number) if exact else file.values(number)[::2]
-    print("block {}: first position {}, shape {}".format(number, *file.blocks[number]))
+    pruned = ", pruned" if number in file.pruned else ""
+    print("block {}: first position {}, shape {}{}".format(number, *file.blocks[number], pruned))
     for place in np.ndindex(*values.shape):
         shown = f"{values[place]:016x} {values[place].view(F64)!s}" if exact else f"{values[place]:.9g}"
         print(*place, shown, "valid" if valid[place] else "not valid")
@@ -1012,6 +1021,8 @@ def main():
     parser.add_argument("--samples", action="store_true", help="print the samples of each block, by channel")
     parser.add_argument("--exact", action="store_true", help="the source's bits, from a lossless file: with -o "
                         "(binary64 .npy, or .binary: MERL's form) or --block these, else their CRC-32 as well")
+    parser.add_argument("--allow-pruned", action="store_true", help="decode pruned blocks too, as blocks without valid "
+                        "entries, not an error; --check implies it")
     args = parser.parse_args()
     listed = {}
     if args.check:
@@ -1026,7 +1037,7 @@ def main():
         name = os.path.basename(path)
         try:
             with open(path, "rb") as f:
-                file = File(f.read())
+                file = File(f.read(), args.allow_pruned or bool(args.check))
             if args.o is not None and args.exact:
                 write_exact(file, args.o)
             elif args.o is not None:

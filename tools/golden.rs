@@ -7,14 +7,18 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use std::path::PathBuf;
 
 use csbrdf::block::Partition;
+use csbrdf::decode::Reader;
 use csbrdf::encode::contract::Contract;
 use csbrdf::encode::{Encoder, Preset};
+use csbrdf::eval::Brdf;
 use csbrdf::format::metadata::Metadata;
 use csbrdf::fourier::Basis;
 use csbrdf::grid::{Axis, AxisName, Channel, Grid, MERL_SCALE, Mapping};
+use csbrdf::prune::prune;
 use csbrdf::sample::Sampling;
 use csbrdf::table::BrdfTable;
 use csbrdf::table::synth::Recipe;
+use csbrdf::touched::Touched;
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -29,7 +33,23 @@ fn main() -> Result<(), Failure> {
         std::fs::write(&path, encoder.encode(&table)?.bytes)?;
         println!("{} written", path.display());
     }
+    let path = folder.join("pruned.csbrdf");
+    if path.exists() {
+        println!("{} exists, left alone", path.display());
+    } else {
+        std::fs::write(&path, pruned(&std::fs::read(folder.join("dct-dependent-profile.csbrdf"))?)?)?;
+        println!("{} written", path.display());
+    }
     Ok(())
+}
+
+/// Two of three blocks of a file, a little coarser.
+fn pruned(bytes: &[u8]) -> Result<Vec<u8>, Failure> {
+    let reader = Reader::open(bytes)?;
+    let blocks: String = (0..reader.block_count()).filter(|b| b % 3 != 1).map(|b| format!("{b}\n")).collect();
+    let index = Brdf::open(Reader::open(bytes)?)?.touched().index_crc();
+    let trace = format!("csbrdf trace 1\nblocks {} index {index:x}\n{blocks}", reader.block_count());
+    Ok(prune(&reader, &Touched::from_text(&trace)?, 0.01)?.bytes)
 }
 
 /// MERL's axes with fewer bins.
@@ -41,6 +61,23 @@ fn small(lens: [usize; 3]) -> Result<Grid, Failure> {
 
 fn linear(name: AxisName, len: usize, end: f64) -> Axis {
     Axis { name, len, mapping: Mapping::Linear, start: 0.0, end }
+}
+
+/// A table that grows towards grazing directions, as measured ones do: the root of both cosines divides it.
+fn grazing(grid: Grid) -> Result<BrdfTable, Failure> {
+    let recipe = Recipe::named("satin-paint").ok_or("no such recipe")?;
+    let table = Recipe { noise: 0.001, seed: 12, ..recipe }.synthesise(&grid)?;
+    let mut values = table.values().to_vec();
+    let [_, _, nd, np] = grid.shape();
+    let angle = |axis: usize, i: usize| grid.axes()[axis].angle(i as f64 + 0.5);
+    for (i, value) in values.iter_mut().enumerate() {
+        let i = i % grid.positions();
+        let [h, d, p] = [angle(0, i / (nd * np)), angle(1, i / np % nd), angle(2, i % np)];
+        let (middle, swing) = (h.cos() * d.cos(), h.sin() * d.sin() * p.cos());
+        let cosines = (middle - swing).max(0.02) * (middle + swing).max(0.02);
+        *value *= if *value > 0.0 { cosines.powf(-0.5) } else { 1.0 };
+    }
+    Ok(BrdfTable::from_parts(grid, values, table.valid().to_vec())?)
 }
 
 fn features() -> Result<Vec<(&'static str, Encoder, BrdfTable)>, Failure> {
@@ -150,6 +187,7 @@ fn features() -> Result<Vec<(&'static str, Encoder, BrdfTable)>, Failure> {
     let drawn = Recipe { noise: 0.003, seed: 3, ..recipe("satin-paint")? }.synthesise(&small([12, 12, 18])?)?;
     let drawn_encoder = Encoder::new().preset(Preset::Paper).block_shape(&[6, 12, 9]).sampling(ratio).seed(5);
     Ok(vec![
+        ("dct-dependent-profile", Encoder::new(), grazing(small([30, 30, 36])?)?),
         ("dct-dependent", Encoder::new().quality(0.02).block_shape(&[6, 7, 24]), rough.clone()),
         ("dft-dependent", Encoder::new().basis(Basis::Dft).quality(0.05), even),
         ("dct-dependent-corrected", corrected(&[12, 7, 12], 0.1), rough),

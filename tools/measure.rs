@@ -23,9 +23,9 @@ fn main() -> Result<(), Failure> {
         return Err("usage: measure FILE.csbrdf...".into());
     }
     println!(
-        "| file | kB | open, us | open + one block, us (10 %, 90 %) | block warm, ns/value | decode 1 thread, ms | all threads, ms | read and convert raw, ms | eval, ns | eval, cache of 10 %, ns | raw look-up, ns |"
+        "| file | kB | open, us | open + one block, us (10 %, 90 %) | block warm, ns/value | decode 1 thread, ms | all threads, ms | read and convert raw, ms | eval, ns | eval_many, ns | eval, cache of 10 %, ns | raw look-up, ns |"
     );
-    println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
+    println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
     for file in &files {
         measure(Path::new(file))?;
     }
@@ -113,6 +113,13 @@ fn measure(path: &Path) -> Result<(), Failure> {
     };
     // Most of them decode a block.
     let (warm_eval, tight_eval) = (eval(usize::MAX, &pairs)?, eval(bytes / 10, &pairs[..500])?);
+    let many_eval = {
+        let brdf = Brdf::open(Reader::open_path(path)?)?.with_cache_bytes(usize::MAX);
+        let (wi, wo): (Vec<_>, Vec<_>) = pairs.iter().copied().unzip();
+        let mut values = vec![0.0; pairs.len() * channels];
+        let seconds = times(5, |_| Ok(brdf.eval_many(&wi, &wo, black_box(&mut values))?))?;
+        quantile(&seconds, 0.5) / pairs.len() as f64
+    };
     let n = grid.positions();
     let raw_eval = times(5, |_| {
         for &(wi, wo) in &pairs {
@@ -138,7 +145,7 @@ fn measure(path: &Path) -> Result<(), Failure> {
     })?;
 
     println!(
-        "| {} | {:.1} | {:.0} | {:.0} ({:.0}, {:.0}) | {:.1} | {:.1} | {:.1} | {:.1} | {:.0} | {:.0} | {:.0} |",
+        "| {} | {:.1} | {:.0} | {:.0} ({:.0}, {:.0}) | {:.1} | {:.1} | {:.1} | {:.1} | {:.0} | {:.0} | {:.0} | {:.0} |",
         path.file_name().unwrap_or_default().to_string_lossy(),
         std::fs::metadata(path)?.len() as f64 / 1e3,
         quantile(&open, 0.5) * 1e6,
@@ -150,6 +157,7 @@ fn measure(path: &Path) -> Result<(), Failure> {
         all * 1e3,
         quantile(&raw_read, 0.5) * 1e3,
         warm_eval * 1e9,
+        many_eval * 1e9,
         tight_eval * 1e9,
         quantile(&raw_eval, 0.5) / pairs.len() as f64 * 1e9,
     );

@@ -6,6 +6,7 @@ use crate::error::{Error, Result};
 use crate::format::directory;
 use crate::format::is_compact;
 use crate::format::lossless::ExactIndex;
+use crate::format::record::ValidityClass;
 use crate::lossless::{Decoded, Form, Walk, probabilities};
 use crate::range::Decoder;
 
@@ -44,7 +45,11 @@ impl<D: AsRef<[u8]>> Reader<D> {
         scratch: &mut Scratch,
     ) -> Result<(Block, Vec<u64>)> {
         let coded = index.coded(self.data.as_ref(), block)?;
-        let place = self.decode_log(block, scratch)?;
+        let record = self.record(block)?;
+        if record.class == ValidityClass::Pruned {
+            return Err(Error::Pruned { block });
+        }
+        let place = self.rebuild(block, &record, scratch)?;
         let scales: Vec<f64> = self.grid().channels().iter().map(|channel| channel.scale).collect();
         let mut bits = vec![0; scratch.log.len()];
         let decoded = Decoded {

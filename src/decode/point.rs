@@ -16,8 +16,8 @@ pub(crate) struct Sparse {
     pub(crate) block: usize,
     place: Block,
     components: Vec<Component>,
-    /// Exact zeros, `[channel][position]`; empty where there are none.
-    zeros: Vec<bool>,
+    /// Exact zeros, a bit for each of `[channel][position]`; empty where there are none.
+    zeros: Vec<u8>,
     /// Look-ups that were answered from it.
     pub(crate) uses: AtomicU32,
 }
@@ -74,6 +74,18 @@ impl<'a> Sums<'a> {
     }
 }
 
+impl Sparse {
+    /// What it takes in memory.
+    pub(crate) fn bytes(&self) -> usize {
+        let of = |component: &Component| {
+            size_of::<Component>()
+                + component.rows.capacity() * size_of::<Row>()
+                + component.entries.capacity() * size_of::<(u32, f32)>()
+        };
+        size_of::<Sparse>() + self.zeros.capacity() + self.components.iter().map(of).sum::<usize>()
+    }
+}
+
 impl Component {
     fn value(&self, axes: [&AxisTable; 4], within: [usize; 4]) -> f32 {
         let [mut first, mut second, mut third, mut fourth] = [0, 1, 2, 3].map(|a| Sums::new(axes[a], within[a]));
@@ -124,9 +136,13 @@ impl Header {
                     }
                 }
             }
+            component.rows.shrink_to_fit();
+            component.entries.shrink_to_fit();
             components.push(component);
         }
-        let zeros = if scratch.zeros.contains(&true) { scratch.zeros.clone() } else { Vec::new() };
+        let bits = |zeros: &[bool]| zeros.iter().rev().fold(0, |bits, zero| bits << 1 | u8::from(*zero));
+        let zeros = scratch.zeros.contains(&true).then(|| scratch.zeros.chunks(8).map(bits).collect());
+        let zeros = zeros.unwrap_or_default();
         Sparse { block, place: *place, components, zeros, uses: AtomicU32::new(0) }
     }
 }
@@ -143,6 +159,12 @@ impl<D: AsRef<[u8]>> Reader<D> {
         Ok(Some(self.header.sparse(block, &place, self.index.means(block), scratch)))
     }
 
+    /// About the bytes that a block's coefficients take: two of them a byte of the record, with their rows.
+    pub(crate) fn likely_sparse_bytes(&self, block: usize) -> usize {
+        let zeros = if self.header.coding.zeros { self.block_values(block).unwrap_or(0) / 8 } else { 0 };
+        zeros + size_of::<Sparse>() + 24 * self.index.record(block).len()
+    }
+
     /// BRDF values in 1/sr of all channels at a place in a block.
     pub(crate) fn point(&self, sparse: &Sparse, within: [usize; 4], value: &mut [f32]) -> Result<()> {
         let Sparse { place, components, zeros, .. } = sparse;
@@ -152,13 +174,15 @@ impl<D: AsRef<[u8]>> Reader<D> {
         }
         let here = Block { origin: std::array::from_fn(|a| place.origin[a] + within[a]), shape: [1; 4] };
         self.header
-            .finish(&here, value)
+            .add_profile(&here, value)
             .map_err(|what| Error::corrupt("GRAZ", self.header.coded_profile.as_ref().map_or(0, |p| p.offset), what))?;
+        self.header.to_channels(value);
         let [_, n1, n2, n3] = place.shape;
         let index = ((within[0] * n1 + within[1]) * n2 + within[2]) * n3 + within[3];
         let eps = self.header.coding.eps as f32;
         for (c, value) in value.iter_mut().enumerate() {
-            let zero = zeros.get(c * place.positions() + index).is_some_and(|zero| *zero);
+            let at = c * place.positions() + index;
+            let zero = zeros.get(at / 8).is_some_and(|bits| bits >> (at % 8) & 1 == 1);
             *value = if zero { 0.0 } else { inverse_tone_map(*value, eps) };
         }
         Ok(())

@@ -44,6 +44,17 @@ impl Effort {
         }
     }
 
+    /// Shapes that go with a tiling are tried in a tile where it costs at most so many times the other one, both uncut. Seven tables, share
+    /// of the trials' time saved / bits and error lost at most: 1 40 % / .6 %, 1.05 33 % / .6 % (paper white; others .1 %), 1.1 25 %
+    /// / .1 %.
+    pub(super) fn tile_margin(self) -> f64 {
+        match self {
+            Effort::Fast => 1.0,
+            Effort::Standard => 1.05,
+            Effort::Thorough => f64::INFINITY,
+        }
+    }
+
     /// How the grazing profile is fitted. kB with strides of 2 and of 1, 80 conjugate gradient steps in all: chrome-steel 32.7, 29.1,
     /// noisy green-fabric 42.0, 37.1. With 39 steps: 37.6, 48.6; in less time, 40 on a quarter
     /// of the bins and then 10 on all: 33.3, 42.7.

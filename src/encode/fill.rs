@@ -111,13 +111,19 @@ impl Filler {
         let channels = log.len() / n;
         let holes = known.contains(&false);
         if holes {
+            let mut any_known = known[..n].to_vec();
             all_known.clear();
-            all_known.extend((0..n).map(|i| known[i..].iter().step_by(n).all(|k| *k)));
+            all_known.extend_from_slice(&known[..n]);
+            for plane in known.chunks_exact(n).skip(1) {
+                let known = plane.iter().zip(all_known.iter_mut().zip(&mut any_known));
+                known.for_each(|(known, (all, any))| (*all, *any) = (*all & *known, *any | *known));
+            }
             partly.clear();
-            partly.extend((0..n).filter(|&i| !all_known[i] && known[i..].iter().step_by(n).any(|k| *k)));
+            partly.extend((0..n).filter(|&i| any_known[i] & !all_known[i]));
             told.clear();
-            let entries = (0..channels).flat_map(|c| partly.iter().map(move |&i| c * n + i));
-            told.extend(entries.map(|i| known[i].then_some(log[i])));
+            for (log, known) in log.chunks_exact(n).zip(known.chunks_exact(n)) {
+                told.extend(partly.iter().map(|&i| known[i].then_some(log[i])));
+            }
         }
         transform.forward(log, channels);
         if holes {
@@ -147,7 +153,7 @@ impl Filler {
             // What is known replaces what came out: where all channels are, their components do.
             if !partly.is_empty() {
                 mixed.clear();
-                mixed.extend((0..channels).flat_map(|c| partly.iter().map(move |&i| c * n + i)).map(|i| log[i]));
+                log.chunks_exact(n).for_each(|component| mixed.extend(partly.iter().map(|&i| component[i])));
                 transform.inverse(mixed, channels);
                 for (mixed, told) in mixed.iter_mut().zip(told.iter()) {
                     *mixed = told.unwrap_or(*mixed);
@@ -158,9 +164,7 @@ impl Filler {
                 }
             }
             for (component, target) in log.chunks_exact_mut(n).zip(target.chunks_exact(n)) {
-                for ((value, target), all) in component.iter_mut().zip(target).zip(all_known.iter()) {
-                    *value = if *all { *target } else { *value };
-                }
+                level.run(Keep { component, target, all_known });
             }
             log.chunks_exact_mut(n).for_each(|component| fourier.analyze(component));
         }
@@ -190,6 +194,23 @@ impl Task for Shrink<'_> {
             let next = (if left > 0.0 { left } else { 0.0 }).copysign(*c);
             *c = next + ahead * (next - *before);
             *before = next;
+        }
+    }
+}
+
+/// Puts back what is known.
+struct Keep<'a> {
+    component: &'a mut [f32],
+    target: &'a [f32],
+    all_known: &'a [bool],
+}
+
+impl Task for Keep<'_> {
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        let Keep { component, target, all_known } = self;
+        for ((value, target), all) in component.iter_mut().zip(target).zip(all_known) {
+            *value = if *all { *target } else { *value };
         }
     }
 }

@@ -19,8 +19,9 @@ impl Guesses {
             return Guesses { any: Fronts::new(shape, &known[..n]), own: Vec::new() };
         }
         let any: Vec<bool> = (0..n).map(|i| known[i..].iter().step_by(n).any(|k| *k)).collect();
-        let own = planes().map(|plane| Fronts::new(shape, plane)).collect();
-        Guesses { any: Fronts::new(shape, &any), own }
+        let own = || planes().map(|plane| Fronts::new(shape, plane)).collect();
+        let (any, own) = rayon::join(|| Fronts::new(shape, &any), own);
+        Guesses { any, own }
     }
 
     /// Fills what is not known: with the mean over the channels known there, or guessed from there, and what each channel is

@@ -10,7 +10,6 @@ use crate::decode::lossless::decode_bits;
 use crate::decode::{CONTEXTS, CORRECTIONS, Header, MASKS, Scratch, ZEROS, contexts, without_zeros};
 use crate::entropy::{Walk, find_extents};
 use crate::error::{Error, Result};
-use crate::format::MAX_MEANS;
 use crate::format::directory::{self, write_file};
 use crate::format::header::{Coding, write_coding, write_grid, write_partition};
 use crate::format::index::{Entry, encode_error, write_index};
@@ -18,6 +17,7 @@ use crate::format::lossless::write_exact;
 use crate::format::probabilities::{decode_probability, encode_probability, write_probabilities};
 use crate::format::profile::{CodedProfile, write_profile};
 use crate::format::record::{Record, ValidityClass};
+use crate::format::{DEPENDENT_DRAFT, MAX_MEANS};
 use crate::lossless;
 use crate::range::{Coder, Counter, Encoder};
 use crate::table::BrdfTable;
@@ -372,6 +372,6 @@ impl Packed {
             (directory::RECORDS, false, self.records.clone()),
         ]);
         sections.extend(self.exact.clone().map(|exact| (directory::EXACT, true, exact)));
-        write_file(&sections)
+        write_file(DEPENDENT_DRAFT, &sections)
     }
 }

@@ -144,7 +144,7 @@ impl Encoder {
         let mut quantized = Quantized::empty(block.shape, dense.channels);
         let (filled, known) = self.fill(dense, transform, block, steps);
         for (c, values) in filled.coefficients.chunks_exact(n).enumerate() {
-            quantized.quantize(c, self.step, self.rounding, values)?;
+            quantized.quantize_trial(c, self.step, self.rounding, values)?;
         }
         // Errors in holes do not count.
         quantized.squared_error *= known as f64 / (n * dense.channels) as f64;

@@ -5,6 +5,8 @@
 //! of 18 x 18 x 180: alum-bronze 29 -> 26 -> 20; chrome-steel 34 -> 31 -> 24; RGL golden yellow 52 -> 48 -> 48; paper
 //! white 14 -> 13 -> 13.5. So both tilings are tried.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::dense::Dense;
@@ -22,7 +24,7 @@ use crate::range::{Costs, Counter};
 /// Bytes that each block costs in index and record besides its coefficients.
 const OVERHEAD: f64 = 10.5;
 
-/// One block of so many of the first shape trains the costs by which the others are judged.
+/// One block of so many of the first shape trains the costs by which the others are judged, and tells whether a profile pays.
 const TRAINING: usize = 4;
 
 /// Squared error that a bit buys, in squared steps: what changing the rounding does (alum-bronze, golden yellow).
@@ -61,6 +63,49 @@ fn tilings(axes: usize) -> Tilings {
     }
 }
 
+/// The tiles of a tiling, and what each costs in each shape.
+struct Tiles {
+    tiles: Vec<Block>,
+    shapes: Vec<[usize; 4]>,
+    /// `[tile][shape]`, infinite where not tried.
+    prices: Vec<Vec<f64>>,
+}
+
+impl Tiles {
+    fn new(tiles: Vec<Block>, shapes: Vec<[usize; 4]>) -> Tiles {
+        let prices = vec![vec![f64::INFINITY; shapes.len()]; tiles.len()];
+        Tiles { tiles, shapes, prices }
+    }
+
+    /// The tiles that begin in a box.
+    fn inside(&self, place: &Block) -> Vec<usize> {
+        let holds = |a: usize, b: &Block| (place.origin[a]..place.origin[a] + place.shape[a]).contains(&b.origin[a]);
+        (0..self.tiles.len()).filter(|&i| (0..4).all(|a| holds(a, &self.tiles[i]))).collect()
+    }
+
+    /// Prices each tile in those of its `shapes` that were not tried.
+    fn price(
+        &mut self,
+        shapes: &dyn Fn(usize) -> Range<usize>,
+        costs: &Costs,
+        price: impl Fn(&mut Walk, &mut Costs, &[Block]) -> Result<f64> + Sync,
+    ) -> Result<()> {
+        let wanted = |t: usize| shapes(t).start..shapes(t).end.min(self.shapes.len());
+        let pairs = (0..self.tiles.len()).flat_map(|t| wanted(t).map(move |s| (t, s)));
+        let pairs: Vec<(usize, usize)> = pairs.filter(|&(t, s)| self.prices[t][s].is_infinite()).collect();
+        let prices: Vec<f64> = pairs
+            .par_iter()
+            .with_max_len(1)
+            .map_init(
+                || (Walk::default(), costs.clone()),
+                |(walk, costs), &(t, s)| price(walk, costs, &cut(&self.tiles[t], self.shapes[s])),
+            )
+            .collect::<Result<_>>()?;
+        pairs.iter().zip(prices).for_each(|(&(t, s), price)| self.prices[t][s] = price);
+        Ok(())
+    }
+}
+
 /// Padded in front with ones and clipped.
 fn clipped(shape: &[usize], within: [usize; 4]) -> [usize; 4] {
     let padding = 4 - shape.len();
@@ -89,7 +134,7 @@ impl Encoder {
     ) -> Result<Partition> {
         let channels = grid.channels().len();
         let Tilings { wide, wide_shapes, narrow, narrow_shapes } = tilings(grid.axes().len());
-        let (wide, narrow) = (clipped(wide, grid.shape()), clipped(narrow, grid.shape()));
+        let (wide_tile, narrow_tile) = (clipped(wide, grid.shape()), clipped(narrow, grid.shape()));
         let usable = |shapes: &[&[usize]], tile: [usize; 4]| {
             let mut all: Vec<[usize; 4]> = Vec::new();
             for shape in shapes.iter().map(|shape| clipped(shape, tile)) {
@@ -99,8 +144,8 @@ impl Encoder {
             }
             all
         };
-        let mut narrow_shapes = usable(narrow_shapes, narrow);
-        let mut wide_shapes = usable(wide_shapes, wide);
+        let mut narrow_shapes = usable(narrow_shapes, narrow_tile);
+        let mut wide_shapes = usable(wide_shapes, wide_tile);
         if self.effort == Effort::Fast {
             narrow_shapes.truncate(4);
             wide_shapes.truncate(1);
@@ -115,49 +160,53 @@ impl Encoder {
         let training: Vec<Block> = cut(&whole, first).into_iter().step_by(TRAINING).collect();
         let costs = Costs::new(&self.count(dense, transform, &training)?.0);
         progress(0.1);
-        let (wide_tiles, narrow_tiles) = (cut(&whole, wide), cut(&whole, narrow));
-        // Costs [tile][shape].
-        let price = |tiles: &[Block], shapes: &[[usize; 4]]| -> Result<Vec<Vec<f64>>> {
-            let pairs: Vec<(usize, usize)> =
-                (0..tiles.len()).flat_map(|t| (0..shapes.len()).map(move |s| (t, s))).collect();
-            let prices: Vec<f64> = pairs
-                .into_par_iter()
-                .with_max_len(1)
-                .map_init(
-                    || (Walk::default(), costs.clone()),
-                    |(walk, costs), (t, s)| self.price(dense, transform, walk, costs, &cut(&tiles[t], shapes[s])),
-                )
-                .collect::<Result<_>>()?;
-            Ok(prices.chunks_exact(shapes.len().max(1)).map(<[f64]>::to_vec).collect())
+        let mut wide = Tiles::new(cut(&whole, wide_tile), wide_shapes);
+        let whole_narrow = narrow_shapes.iter().position(|shape| *shape == narrow_tile).unwrap_or(0);
+        let mut narrow = Tiles::new(cut(&whole, narrow_tile), narrow_shapes);
+        let held: Vec<Vec<usize>> = wide.tiles.iter().map(|tile| narrow.inside(tile)).collect();
+        let price = |tiles: &mut Tiles, shapes: &dyn Fn(usize) -> Range<usize>| {
+            tiles.price(shapes, &costs, |walk, costs, blocks| self.price(dense, transform, walk, costs, blocks))
         };
-        let narrow_prices = price(&narrow_tiles, &narrow_shapes)?;
-        progress(0.6);
-        let wide_prices = price(&wide_tiles, &wide_shapes)?;
+        // A wide tile uncut, and its narrow ones uncut: where one is far from the other, so are the shapes that go with it.
+        price(&mut narrow, &|_| whole_narrow..whole_narrow + 1)?;
+        price(&mut wide, &|_| 0..1)?;
+        progress(0.35);
+        let margin = self.effort.tile_margin();
+        let ratios: Vec<f64> = held
+            .iter()
+            .enumerate()
+            .map(|(t, held)| {
+                let uncut = wide.prices[t].first().copied().unwrap_or(f64::INFINITY);
+                uncut / held.iter().map(|&i| narrow.prices[i][whole_narrow]).sum::<f64>()
+            })
+            .collect();
+        let mut holder = vec![0; narrow.tiles.len()];
+        held.iter().enumerate().for_each(|(t, held)| held.iter().for_each(|&i| holder[i] = t));
+        price(&mut narrow, &|i| 0..if ratios[holder[i]] * margin > 1.0 { usize::MAX } else { 0 })?;
+        progress(0.7);
+        price(&mut wide, &|t| 0..if ratios[t] < margin { usize::MAX } else { 0 })?;
         progress(1.0);
         let cheapest = |prices: &[f64]| {
             let best = (0..prices.len()).min_by(|&a, &b| prices[a].total_cmp(&prices[b])).unwrap_or(0);
             (best, prices[best])
         };
-        let narrow_choice: Vec<(usize, f64)> = narrow_prices.iter().map(|prices| cheapest(prices)).collect();
+        let narrow_choice: Vec<(usize, f64)> = narrow.prices.iter().map(|prices| cheapest(prices)).collect();
         // A wide tile may also be cut by a shape of the narrow ones that it holds.
-        let wide_choice: Vec<(usize, f64)> = wide_tiles
+        let wide_choice: Vec<(usize, f64)> = wide
+            .prices
             .iter()
-            .enumerate()
-            .map(|(t, tile)| {
-                let mut prices = wide_prices.get(t).cloned().unwrap_or_default();
-                let inside =
-                    |b: &Block| (0..4).all(|a| (tile.origin[a]..tile.origin[a] + tile.shape[a]).contains(&b.origin[a]));
-                let held: Vec<usize> = (0..narrow_tiles.len()).filter(|&i| inside(&narrow_tiles[i])).collect();
-                prices.extend((0..narrow_shapes.len()).map(|s| held.iter().map(|&i| narrow_prices[i][s]).sum::<f64>()));
-                cheapest(&prices)
+            .zip(&held)
+            .map(|(prices, held)| {
+                let cut = (0..narrow.shapes.len()).map(|s| held.iter().map(|&i| narrow.prices[i][s]).sum::<f64>());
+                cheapest(&prices.iter().copied().chain(cut).collect::<Vec<f64>>())
             })
             .collect();
         let total = |choice: &[(usize, f64)]| choice.iter().map(|c| c.1).sum::<f64>();
         if total(&wide_choice) < total(&narrow_choice) {
-            let shapes = [wide_shapes, narrow_shapes].concat();
-            tiled(grid.shape(), wide, &shapes, &wide_choice)
+            let shapes = [wide.shapes, narrow.shapes].concat();
+            tiled(grid.shape(), wide_tile, &shapes, &wide_choice)
         } else {
-            tiled(grid.shape(), narrow, &narrow_shapes, &narrow_choice)
+            tiled(grid.shape(), narrow_tile, &narrow.shapes, &narrow_choice)
         }
     }
 
@@ -173,7 +222,7 @@ impl Encoder {
         let shape = clipped(tilings(grid.axes().len()).narrow_shapes[0], grid.shape());
         let whole = Block { origin: [0; 4], shape: grid.shape() };
         let (touched, others): (Vec<Block>, Vec<Block>) =
-            cut(&whole, shape).into_iter().partition(|block| steep.differs(plain, block));
+            cut(&whole, shape).into_iter().step_by(TRAINING).partition(|block| steep.differs(plain, block));
         let others = self.count(plain, transform, &others)?;
         let step = f64::from(self.step);
         let price = |dense: &Dense| -> Result<f64> {
@@ -182,7 +231,8 @@ impl Encoder {
             Ok(counter.bits() + squared_error / (EXCHANGE * step * step))
         };
         let profile = steep.profile.as_ref().map_or(0, |profile| 8 * write_profile(profile).len());
-        Ok(price(steep)? + (profile as f64) < price(plain)?)
+        let profile = (profile / TRAINING) as f64;
+        Ok(price(steep)? + profile < price(plain)?)
     }
 
     /// Decisions of blocks by context, and the blocks' squared error.

@@ -41,7 +41,7 @@ pub(super) fn quantize(blocks: &[Filled], components: usize, step: f32, rounding
         let mut quantized = Quantized::empty(block.shape, components);
         let n: usize = block.shape.iter().product();
         for (component, values) in block.coefficients.chunks_exact(n).enumerate() {
-            quantized.quantize(component, step, rounding, values)?;
+            quantized.quantize_trial(component, step, rounding, values)?;
         }
         Some(quantized)
     };
@@ -223,7 +223,7 @@ mod tests {
             .iter()
             .map(|block| {
                 let mut quantized = Quantized::empty(shape, 1);
-                quantized.quantize(0, step, 0.5, &block.coefficients).unwrap();
+                quantized.quantize_trial(0, step, 0.5, &block.coefficients).unwrap();
                 quantized
             })
             .collect();

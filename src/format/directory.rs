@@ -154,6 +154,12 @@ impl Directory {
         self.version
     }
 
+    /// Bytes of the file.
+    pub fn file_length(&self) -> usize {
+        let last = self.sections.last().map_or(PREAMBLE, |section| section.range.end);
+        last + END_MARKER.len()
+    }
+
     /// All sections in file order.
     pub fn sections(&self) -> &[Section] {
         &self.sections
@@ -216,8 +222,8 @@ mod write {
     use super::*;
     use crate::bits::ByteWriter;
 
-    /// A whole file from its sections: name, skippable, bytes.
-    pub(crate) fn write_file(sections: &[(&str, bool, Vec<u8>)]) -> Vec<u8> {
+    /// A whole file of a draft from its sections: name, skippable, bytes.
+    pub(crate) fn write_file(draft: u16, sections: &[(&str, bool, Vec<u8>)]) -> Vec<u8> {
         let body: usize = sections.iter().map(|s| s.2.len()).sum();
         let length = PREAMBLE + sections.len() * ENTRY + body + END_MARKER.len();
         let mut table = ByteWriter::default();
@@ -231,7 +237,7 @@ mod write {
         file.bytes(&MAGIC);
         file.u16(VERSION.0);
         file.u16(VERSION.1);
-        file.u16(VERSION.2);
+        file.u16(draft);
         file.u16(sections.len() as u16);
         file.u64(length as u64);
         file.u32(0);
@@ -253,13 +259,13 @@ mod tests {
     use super::*;
 
     fn sample() -> Vec<u8> {
-        write_file(&[(GRID, false, vec![1, 2, 3]), ("XTRA", true, vec![]), (INDEX, false, vec![4])])
+        write_file(4, &[(GRID, false, vec![1, 2, 3]), ("XTRA", true, vec![]), (INDEX, false, vec![4])])
     }
 
     /// The layout of spec section 3.1 byte for byte; the sums are those of Python's zlib.
     #[test]
     fn bytes_are_those_of_the_specification() {
-        let hex: String = write_file(&[(GRID, false, vec![1, 2, 3])]).iter().map(|b| format!("{b:02x}")).collect();
+        let hex: String = write_file(4, &[(GRID, false, vec![1, 2, 3])]).iter().map(|b| format!("{b:02x}")).collect();
         let preamble = "8b4353420d0a1a0a01000000040001003f00000000000000000000005650fd6a";
         let table = "475249440000000003000000000000001d80bc55";
         assert_eq!(hex, [preamble, table, "010203", "4353425244462e0a"].concat());
@@ -292,10 +298,10 @@ mod tests {
 
     #[test]
     fn unknown_sections_are_skipped_only_if_they_say_so() {
-        assert!(Directory::read(&write_file(&[("XTRA", true, vec![])])).is_ok());
-        let refused = Directory::read(&write_file(&[("XTRA", false, vec![])])).unwrap_err();
+        assert!(Directory::read(&write_file(4, &[("XTRA", true, vec![])])).is_ok());
+        let refused = Directory::read(&write_file(4, &[("XTRA", false, vec![])])).unwrap_err();
         assert!(refused.to_string().contains("XTRA"));
-        assert!(Directory::read(&write_file(&[(GRID, false, vec![]), (GRID, false, vec![])])).is_err());
+        assert!(Directory::read(&write_file(4, &[(GRID, false, vec![]), (GRID, false, vec![])])).is_err());
     }
 
     #[test]

@@ -228,11 +228,20 @@ impl Index {
         (decode_error(self.rms[block]), decode_error(self.max[block]))
     }
 
+    /// The codes of these.
+    #[cfg(feature = "encode")]
+    pub(crate) fn error_codes(&self, block: usize) -> [u8; 2] {
+        [self.rms[block], self.max[block]]
+    }
+
     /// Quantised first coefficients of a block, one a component.
     pub(crate) fn means(&self, block: usize) -> &[i32] {
         &self.means[block * self.components..(block + 1) * self.components]
     }
 }
+
+/// Code of an error that is not known, or too large for the others.
+pub(crate) const UNKNOWN_ERROR: u8 = 255;
 
 /// `2^(i / 8)` rounded to single precision.
 const EIGHTHS: [f32; 8] =
@@ -242,7 +251,7 @@ const EIGHTHS: [f32; 8] =
 pub(crate) fn decode_error(code: u8) -> f32 {
     match code {
         0 => 0.0,
-        255 => f32::INFINITY,
+        UNKNOWN_ERROR => f32::INFINITY,
         c => EIGHTHS[usize::from(c % 8)] * f32::from_bits((u32::from(c / 8) + 127 - 24) << 23),
     }
 }

@@ -20,21 +20,29 @@ pub enum ValidityClass {
     Mask,
     /// A mask in the record for each channel.
     MaskPerChannel,
+    /// Not known any more: the block was pruned, and holds its mean only.
+    Pruned,
 }
 
 impl ValidityClass {
     /// All classes, in the order of their codes.
-    pub const ALL: [ValidityClass; 5] = [
+    pub const ALL: [ValidityClass; 6] = [
         ValidityClass::All,
         ValidityClass::None,
         ValidityClass::Horizon,
         ValidityClass::Mask,
         ValidityClass::MaskPerChannel,
+        ValidityClass::Pruned,
     ];
+
+    /// Whether records of the class have nothing coded.
+    pub(crate) fn is_mean_only(self) -> bool {
+        matches!(self, ValidityClass::None | ValidityClass::Pruned)
+    }
 
     /// Name in reports.
     pub fn as_str(self) -> &'static str {
-        ["all", "none", "horizon", "mask", "mask per channel"][self as usize]
+        ["all", "none", "horizon", "mask", "mask per channel", "pruned"][self as usize]
     }
 }
 
@@ -57,8 +65,15 @@ pub(crate) fn checksum(block: u32, bytes: &[u8]) -> u32 {
 }
 
 impl<'a> Record<'a> {
-    /// `most_doublings`: 0 where the file's version or its sampling leave no choice.
-    pub(crate) fn read(bytes: &'a [u8], block: u32, offset: u64, most_doublings: u8) -> Result<Record<'a>> {
+    /// `most_doublings`: 0 where the file's version or its sampling leave no choice; `may_prune`: whether the version knows pruned
+    /// blocks.
+    pub(crate) fn read(
+        bytes: &'a [u8],
+        block: u32,
+        offset: u64,
+        most_doublings: u8,
+        may_prune: bool,
+    ) -> Result<Record<'a>> {
         if bytes.len() < OVERHEAD {
             let what = format!("record of block {block} has {} bytes, at least {OVERHEAD} are needed", bytes.len());
             return Err(Error::corrupt("RECS", offset, what));
@@ -68,7 +83,8 @@ impl<'a> Record<'a> {
         check_crc("RECS", offset, u32::from_le_bytes(crc.try_into().expect("four bytes")), checksum(block, body))?;
         // Class of validity in the lower three bits; higher values are reserved. Doublings of the ratio in the upper five.
         let (class, doublings) = (body[0] & 7, body[0] >> 3);
-        let class = *ValidityClass::ALL.get(usize::from(class)).ok_or_else(|| {
+        let known = ValidityClass::ALL.get(usize::from(class)).filter(|c| may_prune || **c != ValidityClass::Pruned);
+        let class = *known.ok_or_else(|| {
             Error::corrupt("RECS", offset, format!("validity class {class} of block {block} is reserved"))
         })?;
         if doublings > most_doublings {
@@ -76,10 +92,15 @@ impl<'a> Record<'a> {
                 format!("block {block} doubles the sampling ratio {doublings} times, allowed are {most_doublings}");
             return Err(Error::corrupt("RECS", offset, what));
         }
+        if class == ValidityClass::Pruned && doublings > 0 {
+            let what = format!("block {block} was pruned, but doubles the sampling ratio {doublings} times");
+            return Err(Error::corrupt("RECS", offset, what));
+        }
         // Masks and coefficients in the range coder; nothing where nothing is valid.
         let coded = &body[1..];
-        if class == ValidityClass::None && !coded.is_empty() {
-            return Err(Error::corrupt("RECS", offset, format!("block {block} has no valid entry, but coefficients")));
+        if class.is_mean_only() && !coded.is_empty() {
+            let what = format!("block {block} holds its mean only ({}), but coefficients", class.as_str());
+            return Err(Error::corrupt("RECS", offset, what));
         }
         Ok(Record { class, doublings, coded })
     }
@@ -110,22 +131,27 @@ mod tests {
     #[test]
     fn round_trip_and_damage() {
         for class in ValidityClass::ALL {
-            let coded: &[u8] = if class == ValidityClass::None { &[] } else { &[1, 2, 3] };
-            let bytes = Record { class, doublings: 31, coded }.write(7);
-            let back = Record::read(&bytes, 7, 0, 31).unwrap();
-            assert_eq!((back.class, back.doublings, back.coded), (class, 31, coded));
-            assert!(Record::read(&bytes, 7, 0, 0).is_err(), "doublings where there are none");
-            assert!(Record::read(&bytes, 8, 0, 31).is_err(), "another block's place");
+            let coded: &[u8] = if class.is_mean_only() { &[] } else { &[1, 2, 3] };
+            let doublings = if class == ValidityClass::Pruned { 0 } else { 31 };
+            let bytes = Record { class, doublings, coded }.write(7);
+            let back = Record::read(&bytes, 7, 0, 31, true).unwrap();
+            assert_eq!((back.class, back.doublings, back.coded), (class, doublings, coded));
+            let doubling = Record { class, doublings: 31, coded }.write(7);
+            assert!(Record::read(&doubling, 7, 0, 0, true).is_err(), "doublings where there are none");
+            assert_eq!(Record::read(&doubling, 7, 0, 31, true).is_err(), class == ValidityClass::Pruned);
+            assert!(Record::read(&bytes, 8, 0, 31, true).is_err(), "another block's place");
+            let known = Record::read(&bytes, 7, 0, 31, false).is_ok();
+            assert_eq!(known, class != ValidityClass::Pruned, "pruned blocks where there are none");
             for bit in 0..8 * bytes.len() {
                 let mut bad = bytes.clone();
                 bad[bit / 8] ^= 1 << (bit % 8);
-                assert!(Record::read(&bad, 7, 0, 31).is_err());
+                assert!(Record::read(&bad, 7, 0, 31, true).is_err());
             }
             for cut in 0..bytes.len() {
-                assert!(Record::read(&bytes[..cut], 7, 0, 31).is_err());
+                assert!(Record::read(&bytes[..cut], 7, 0, 31, true).is_err());
             }
         }
         let none_with_data = Record { class: ValidityClass::None, doublings: 0, coded: &[1] }.write(0);
-        assert!(Record::read(&none_with_data, 0, 0, 31).is_err());
+        assert!(Record::read(&none_with_data, 0, 0, 31, true).is_err());
     }
 }

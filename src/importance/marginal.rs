@@ -5,7 +5,7 @@ use std::f64::consts::FRAC_PI_2;
 use crate::block::Block;
 use crate::coords::{Lookup, neighbours_on};
 use crate::decode::{Reader, Scratch};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::grid::{Axis, AxisName};
 use crate::horizon::Horizon;
 
@@ -72,7 +72,11 @@ impl Marginal {
         let mut values = Vec::new();
         for block in 0..reader.block_count() {
             values.resize(reader.block_values(block)?, 0.0);
-            reader.block_with(block, &mut scratch, &mut values)?;
+            match reader.block_with(block, &mut scratch, &mut values) {
+                // Left out because nobody looks there: as if its bins were not on the grid.
+                Err(Error::Pruned { .. }) => continue,
+                result => result?,
+            }
             if let Some(place) = reader.partition().block(block) {
                 sums.add(&place, horizon.as_ref(), &values);
             }

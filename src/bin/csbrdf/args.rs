@@ -60,6 +60,12 @@ pub enum Command {
     /// Evaluate the BRDF of a .csbrdf file for pairs of directions
     #[command(after_help = EXIT_CODES)]
     Eval(EvalArgs),
+    /// Render a ball of a material, or two materials in a scene, straight from .csbrdf files
+    #[command(after_help = EXIT_CODES)]
+    Render(RenderArgs),
+    /// Make a smaller .csbrdf file with only the blocks that scenes look at
+    #[command(after_help = EXIT_CODES)]
+    Prune(PruneArgs),
     /// Make a synthetic table
     #[command(after_help = EXIT_CODES)]
     Synth(SynthArgs),
@@ -227,6 +233,9 @@ pub struct DecodeArgs {
     /// Write what the recovery filled in where nothing was measured, not -1
     #[arg(long)]
     pub fill: bool,
+    /// The mean of a block in place of an error where the block was pruned
+    #[arg(long)]
+    pub coarse: bool,
     /// The very bytes of the MERL .binary table that the file was made from, if it was encoded with --lossless
     #[arg(long, conflicts_with_all = ["fill", "block"])]
     pub exact: bool,
@@ -333,6 +342,64 @@ pub struct EvalArgs {
     /// One JSON object a pair, one a line
     #[arg(long)]
     pub json: bool,
+    /// Write which blocks were looked at, for `csbrdf prune`
+    #[arg(long, value_name = "TRACE")]
+    pub trace: Option<PathBuf>,
+    /// The mean of a block in place of an error where the block was pruned
+    #[arg(long)]
+    pub coarse: bool,
+    /// Replace the trace if it exists
+    #[arg(long, short)]
+    pub force: bool,
+}
+
+/// Arguments of `render`.
+#[derive(Debug, Args)]
+pub struct RenderArgs {
+    /// One .csbrdf file for a ball, two for a ball and a ring on a floor
+    #[arg(required = true, num_args = 1..=2, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// Output file (PNG), - for standard output; if not given, the first input's name with .png, beside it
+    #[arg(short, long, value_name = "OUT")]
+    pub output: Option<PathBuf>,
+    /// Pixels down; across as many for a ball, five thirds of them for the scene
+    #[arg(long, value_name = "SIZE", default_value_t = 256, value_parser = clap::value_parser!(u16).range(1..=2048))]
+    pub size: u16,
+    /// Samples a pixel, of two directions each
+    #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u16).range(1..=4096))]
+    pub samples: u16,
+    /// Seed of the samples
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Write which blocks of a file were looked at, for `csbrdf prune`; once for each file
+    #[arg(long, value_name = "TRACE")]
+    pub trace: Vec<PathBuf>,
+    /// The mean of a block in place of an error where the block was pruned
+    #[arg(long)]
+    pub coarse: bool,
+    /// Replace files that exist
+    #[arg(long, short)]
+    pub force: bool,
+}
+
+/// Arguments of `prune`.
+#[derive(Debug, Args)]
+pub struct PruneArgs {
+    /// A .csbrdf file, or - for standard input
+    #[arg(value_name = "FILE")]
+    pub input: PathBuf,
+    /// Which blocks to keep, as `csbrdf render --trace` or `csbrdf eval --trace` wrote it; several are joined
+    #[arg(long, required = true, value_name = "TRACE")]
+    pub trace: Vec<PathBuf>,
+    /// Output file, - for standard output; if not given, the input's name with .pruned.csbrdf, beside it
+    #[arg(short, long, value_name = "OUT")]
+    pub output: Option<PathBuf>,
+    /// Rms error, in ln(f + eps), that each block may gain by losing its finest detail
+    #[arg(long, value_name = "E", default_value_t = 0.0)]
+    pub detail: f64,
+    /// Replace the file if it exists
+    #[arg(long, short)]
+    pub force: bool,
 }
 
 /// Arguments of `synth`.

@@ -22,7 +22,7 @@ const MISSING: f32 = -1.0;
 pub fn run(args: &DecodeArgs) -> Outcome {
     let format = format(args)?;
     let target = target(args, format);
-    let reader = input::open(&args.input)?;
+    let reader = input::open(&args.input)?.with_pruned(input::pruned(args.coarse));
     if !(format == FormatArg::Csv && target == Target::Stdout) {
         target.check(args.force)?;
     }

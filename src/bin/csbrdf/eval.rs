@@ -11,6 +11,8 @@ use serde_json::json;
 use crate::args::{EvalArgs, LookupArg, numbers};
 use crate::failure::{Failure, Outcome};
 use crate::input::{self, Bytes, is_dash};
+use crate::output::Target;
+use crate::prune::write_trace;
 use crate::text::nine_digits;
 
 /// Longest line of a file of pairs.
@@ -37,7 +39,9 @@ pub fn run(args: &EvalArgs) -> Outcome {
             return Err(Failure::usage("no directions; give --wi and --wo, --angles, or pairs on standard input"));
         }
     }
-    let reader = input::open(&args.input)?;
+    let reader = input::open(&args.input)?.with_pruned(input::pruned(args.coarse));
+    let trace = args.trace.clone().map(Target::File);
+    trace.iter().try_for_each(|trace| trace.check(args.force))?;
     let lookup = match args.lookup {
         LookupArg::Nearest => Lookup::Nearest,
         LookupArg::Linear => Lookup::Linear,
@@ -63,7 +67,8 @@ pub fn run(args: &EvalArgs) -> Outcome {
             each_pair(pairs, BufReader::new(file), |pair| printer.print(pair))?;
         }
     }
-    printer.out.flush().map_err(|e| Failure::stdout(&e))
+    printer.out.flush().map_err(|e| Failure::stdout(&e))?;
+    args.trace.iter().try_for_each(|trace| write_trace(trace, &printer.brdf.touched(), args.force))
 }
 
 /// Unit direction of an elevation from the normal and an azimuth, degrees.

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use csbrdf::decode::Reader;
+use csbrdf::decode::{Pruned, Reader};
 use csbrdf::format::MAGIC;
 use csbrdf::table::BrdfTable;
 use csbrdf::table::merl::read_merl;
@@ -70,6 +70,11 @@ fn stream(path: &Path, from: impl Read) -> Result<Bytes, Failure> {
 /// Opens a csbrdf file.
 pub fn open(path: &Path) -> Result<Reader<Bytes>, Failure> {
     Reader::open(read(path)?).map_err(|e| Failure::in_file(path, &e))
+}
+
+/// What to make of blocks that were pruned.
+pub fn pruned(coarse: bool) -> Pruned {
+    if coarse { Pruned::Coarse } else { Pruned::Refuse }
 }
 
 /// Fails if the first bytes are those of something else than a MERL table.

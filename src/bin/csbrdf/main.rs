@@ -13,7 +13,9 @@ mod lint;
 mod output;
 mod picture;
 mod plan;
+mod prune;
 mod quote;
+mod render;
 mod report;
 mod samples;
 mod sets;
@@ -63,6 +65,8 @@ fn run(cli: Cli) -> Outcome {
         Command::Lint(args) => lint::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Eval(args) => eval::run(&args),
+        Command::Render(args) => render::run(&args, cli.quiet),
+        Command::Prune(args) => prune::run(&args, cli.quiet),
         Command::Synth(args) => synth::run(&args),
         Command::Report(args) => report::run(&args, cli.threads, cli.quiet),
         Command::Demo(args) => demo::run(&args),

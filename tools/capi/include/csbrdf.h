@@ -50,6 +50,16 @@
 #define CSBRDF_LOOKUP_NEAREST 1
 
 /**
+ * csbrdf_options.pruned: a block that was pruned from the file is CSBRDF_PRUNED. The default.
+ */
+#define CSBRDF_PRUNED_REFUSE 0
+
+/**
+ * csbrdf_options.pruned: a block that was pruned gives its mean.
+ */
+#define CSBRDF_PRUNED_COARSE 1
+
+/**
  * What came of a call. csbrdf_last_error() has the details. Later versions may add codes.
  */
 typedef enum {
@@ -89,6 +99,10 @@ typedef enum {
      * A bug in the library was caught. The handle can still be used and closed.
      */
     CSBRDF_PANIC = 8,
+    /**
+     * A block that the call needs was pruned from the file, and the options do not allow its mean in its place.
+     */
+    CSBRDF_PRUNED = 9,
 } csbrdf_status;
 
 /**
@@ -120,9 +134,9 @@ typedef struct {
      */
     uint32_t lookup;
     /**
-     * Must be 0.
+     * CSBRDF_PRUNED_REFUSE or CSBRDF_PRUNED_COARSE.
      */
-    uint32_t reserved;
+    uint32_t pruned;
 } csbrdf_options;
 
 #ifdef __cplusplus

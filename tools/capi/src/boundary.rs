@@ -32,6 +32,7 @@ impl From<Error> for Failure {
             Error::Truncated { .. } => CSBRDF_TRUNCATED,
             Error::LimitExceeded { .. } => CSBRDF_LIMIT_EXCEEDED,
             Error::InvalidArgument(_) => CSBRDF_INVALID_ARGUMENT,
+            Error::Pruned { .. } => CSBRDF_PRUNED,
             // Contracts are the encoder's: to a reader, a file that breaks one contradicts itself.
             _ => CSBRDF_CORRUPT,
         };

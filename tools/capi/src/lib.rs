@@ -11,7 +11,7 @@ use std::ptr;
 use std::sync::Arc;
 
 use codec::coords::Lookup;
-use codec::decode::{Reader, Scratch};
+use codec::decode::{Pruned, Reader};
 use codec::eval::Brdf;
 use codec::format::Limits;
 use codec::map::map_file;
@@ -27,6 +27,12 @@ pub const CSBRDF_LOOKUP_LINEAR: u32 = 0;
 
 /// csbrdf_options.lookup: the bin that the directions fall into.
 pub const CSBRDF_LOOKUP_NEAREST: u32 = 1;
+
+/// csbrdf_options.pruned: a block that was pruned from the file is CSBRDF_PRUNED. The default.
+pub const CSBRDF_PRUNED_REFUSE: u32 = 0;
+
+/// csbrdf_options.pruned: a block that was pruned gives its mean.
+pub const CSBRDF_PRUNED_COARSE: u32 = 1;
 
 /// What came of a call. csbrdf_last_error() has the details. Later versions may add codes.
 #[repr(C)]
@@ -50,6 +56,8 @@ pub enum csbrdf_status {
     CSBRDF_INVALID_ARGUMENT = 7,
     /// A bug in the library was caught. The handle can still be used and closed.
     CSBRDF_PANIC = 8,
+    /// A block that the call needs was pruned from the file, and the options do not allow its mean in its place.
+    CSBRDF_PRUNED = 9,
 }
 
 /// How to open a file. A field that is 0 takes its default: start with `csbrdf_options options = {0};` (C++:
@@ -67,8 +75,8 @@ pub struct csbrdf_options {
     pub max_block_values: usize,
     /// CSBRDF_LOOKUP_LINEAR or CSBRDF_LOOKUP_NEAREST.
     pub lookup: u32,
-    /// Must be 0.
-    pub reserved: u32,
+    /// CSBRDF_PRUNED_REFUSE or CSBRDF_PRUNED_COARSE.
+    pub pruned: u32,
 }
 
 /// The largest csbrdf_options that a later version may have: no more is read on a wrong size field.
@@ -105,10 +113,12 @@ impl csbrdf_brdf {
         if options.max_block_values != 0 {
             limits.block_values = options.max_block_values;
         }
-        let brdf = match Brdf::open(Reader::open_with_limits(bytes.clone(), limits)?) {
+        let pruned = if options.pruned == CSBRDF_PRUNED_COARSE { Pruned::Coarse } else { Pruned::Refuse };
+        let open = |bytes| Ok::<_, codec::Error>(Reader::open_with_limits(bytes, limits)?.with_pruned(pruned));
+        let brdf = match Brdf::open(open(bytes.clone())?) {
             Ok(brdf) => brdf,
             Err(codec::Error::InvalidArgument(why)) => {
-                return Ok(csbrdf_brdf(Contents::Table(Reader::open_with_limits(bytes, limits)?, why)));
+                return Ok(csbrdf_brdf(Contents::Table(open(bytes)?, why)));
             }
             Err(e) => return Err(e),
         };
@@ -150,7 +160,7 @@ impl csbrdf_brdf {
 unsafe fn read_options(options: *const csbrdf_options) -> Outcome<csbrdf_options> {
     let known = size_of::<csbrdf_options>();
     if options.is_null() {
-        return Ok(csbrdf_options { size: known, cache_bytes: 0, max_block_values: 0, lookup: 0, reserved: 0 });
+        return Ok(csbrdf_options { size: known, cache_bytes: 0, max_block_values: 0, lookup: 0, pruned: 0 });
     }
     // SAFETY: `size` comes first: it is there in every version.
     let size = *unsafe { shared(options.cast::<usize>(), "options") }?;
@@ -160,11 +170,14 @@ unsafe fn read_options(options: *const csbrdf_options) -> Outcome<csbrdf_options
     // SAFETY: `size` is enough for the fields that are known here, and for the bytes behind them.
     let (options, unknown) =
         unsafe { (*shared(options, "options")?, array(options.cast::<u8>().add(known), size - known, "options")?) };
-    if options.reserved != 0 || unknown.iter().any(|byte| *byte != 0) {
+    if unknown.iter().any(|byte| *byte != 0) {
         return Err(invalid("options has a field set that this version of the library does not know"));
     }
     if options.lookup > CSBRDF_LOOKUP_NEAREST {
         return Err(invalid(format!("options.lookup is {}, which is no lookup", options.lookup)));
+    }
+    if options.pruned > CSBRDF_PRUNED_COARSE {
+        return Err(invalid(format!("options.pruned is {}, which is no answer for pruned blocks", options.pruned)));
     }
     Ok(options)
 }
@@ -405,22 +418,8 @@ pub unsafe extern "C" fn csbrdf_decode_all(brdf: *const csbrdf_brdf, out: *mut f
         check_length("out", length, brdf.table_size())?;
         // SAFETY: the header asks for `length` values that nobody else uses.
         let out = unsafe { buffer(out, length, "out") }?;
-        decode_all(brdf.reader(), out)
+        Ok(brdf.reader().decode_all_into(out)?)
     })
-}
-
-/// The codec's own would hold the table a second time.
-fn decode_all(reader: &Reader<Bytes>, out: &mut [f32]) -> Outcome {
-    let grid = reader.grid();
-    let (mut scratch, mut values) = (Scratch::default(), Vec::new());
-    for number in 0..reader.block_count() {
-        values.resize(reader.block_values(number)?, 0.0);
-        reader.block_with(number, &mut scratch, &mut values)?;
-        let place = reader.partition().block(number).ok_or_else(|| invalid("no such block"))?;
-        let planes = out.chunks_exact_mut(grid.positions()).zip(values.chunks_exact(place.positions()));
-        planes.for_each(|(plane, block)| place.scatter(grid.shape(), block, plane));
-    }
-    Ok(())
 }
 
 /// cbindgen:ptrs-as-arrays=[[wi;3], [wo;3]]
@@ -466,9 +465,6 @@ pub unsafe extern "C" fn csbrdf_eval_many(
             let wo = array(wo.cast::<[f64; 3]>(), count, "wo")?;
             (wi, wo, buffer(out, length, "out")?)
         };
-        for ((wi, wo), value) in wi.iter().zip(wo).zip(out.chunks_exact_mut(channels)) {
-            brdf.eval_into(*wi, *wo, value)?;
-        }
-        Ok(())
+        Ok(brdf.eval_many(wi, wo, out)?)
     })
 }

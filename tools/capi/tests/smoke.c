@@ -272,7 +272,7 @@ static void check_options(const char *path, const unsigned char *bytes, size_t s
     options.lookup = 7;
     FAILS(INVALID_ARGUMENT, csbrdf_open_memory_with(bytes, size, &options, &brdf));
     options = options_of_size(sizeof options);
-    options.reserved = 1;
+    options.pruned = 2;
     FAILS(INVALID_ARGUMENT, csbrdf_open_memory_with(bytes, size, &options, &brdf));
     longer.known = options_of_size(sizeof longer);
     longer.later = 0;
@@ -282,6 +282,28 @@ static void check_options(const char *path, const unsigned char *bytes, size_t s
     FAILS(INVALID_ARGUMENT, csbrdf_open_memory_with(bytes, size, &longer.known, &brdf));
     CHECK(csbrdf_open_memory_with(bytes, size, NULL, &brdf) == CSBRDF_OK);
     csbrdf_close(brdf);
+}
+
+static void check_pruned(const char *data) {
+    char *path = join(data, "pruned.csbrdf");
+    csbrdf_options options = options_of_size(sizeof options);
+    csbrdf_brdf *brdf;
+    size_t values = 0, i;
+    float *block;
+    CHECK(csbrdf_open_path(path, &brdf) == CSBRDF_OK);
+    CHECK(csbrdf_block_size(brdf, 1, &values) == CSBRDF_OK);
+    block = allocate(values * sizeof *block);
+    FAILS(PRUNED, csbrdf_decode_block(brdf, 1, block, values));
+    CHECK(says("was pruned"));
+    CHECK(csbrdf_decode_block(brdf, 0, block, csbrdf_block_size(brdf, 0, &i) == CSBRDF_OK ? i : 0) == CSBRDF_OK);
+    csbrdf_close(brdf);
+    options.pruned = CSBRDF_PRUNED_COARSE;
+    CHECK(csbrdf_open_path_with(path, &options, &brdf) == CSBRDF_OK);
+    CHECK(csbrdf_decode_block(brdf, 1, block, values) == CSBRDF_OK);
+    CHECK(isfinite(block[0]) && block[0] >= 0.0f);
+    csbrdf_close(brdf);
+    free(block);
+    free(path);
 }
 
 static void check_messages(void) {
@@ -326,6 +348,7 @@ int main(int argc, char **argv) {
         check_arguments(mapped);
         check_files(data, path, bytes, size);
         check_options(path, bytes, size);
+        check_pruned(data);
         check_messages();
         free(table);
         free(again);

@@ -1,0 +1,361 @@
+//! Python bindings of the csbrdf decoder. What Python programs see is documented here and in `python/csbrdf`.
+
+mod arrays;
+mod boundary;
+mod broadcast;
+mod grid;
+mod many;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use codec::block::Block;
+use codec::coords::Lookup;
+use codec::decode::{Origin, Pruned, Reader};
+use codec::eval::Brdf;
+use codec::format::Limits;
+use codec::map::map_file;
+use numpy::{Element, PyArrayDyn, PyArrayMethods};
+use pyo3::exceptions::{PyIndexError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::pybacked::PyBackedBytes;
+use pyo3::types::{PySlice, PyTuple};
+
+use arrays::{Directions, array, shown, zeros};
+use boundary::{Error, detached, exception, on_threads};
+use broadcast::Broadcast;
+use grid::{PyAxis, PyChannel};
+use many::eval_many;
+
+/// Bytes of decoded blocks that a file keeps unless told otherwise.
+const CACHE_BYTES: usize = 64 << 20;
+
+/// Pairs of directions looked up between two looks at Ctrl-C, and most values that they may have.
+const BATCH: usize = 1 << 16;
+const BATCH_VALUES: usize = 1 << 22;
+
+/// The bytes of a file, mapped or a Python object's.
+#[derive(Clone)]
+struct Bytes(Arc<dyn AsRef<[u8]> + Send + Sync>);
+
+impl AsRef<[u8]> for Bytes {
+    fn as_ref(&self) -> &[u8] {
+        (*self.0).as_ref()
+    }
+}
+
+enum Contents {
+    Brdf(Brdf<Bytes>),
+    /// The axes are no directions, as the text says.
+    Table(Reader<Bytes>, String),
+}
+
+/// A measured BRDF in a .csbrdf file, from the file's bytes; csbrdf.open() maps a file.
+///
+/// Opening reads and checks the header and the index; blocks are read when they are first needed. Threads may share one
+/// object: calls release the GIL.
+///
+/// Parameters: data: bytes of the file. cache_bytes: most bytes of decoded blocks that are kept for eval() (one block is
+/// kept whatever it takes). lookup: "linear" between bin centres on every axis, or "nearest" for the bin that the
+/// directions fall into. pruned: "refuse" makes blocks that were pruned from the file an error, "coarse" gives their mean.
+///
+/// Raises csbrdf.Error if the bytes cannot be read, ValueError for another lookup or answer to pruned blocks.
+#[pyclass(name = "Brdf", module = "csbrdf", frozen)]
+struct PyBrdf(Contents);
+
+fn read_lookup(lookup: &str) -> PyResult<Lookup> {
+    match lookup {
+        "linear" => Ok(Lookup::Linear),
+        "nearest" => Ok(Lookup::Nearest),
+        _ => Err(PyValueError::new_err(format!("lookup is \"linear\" or \"nearest\", not {lookup:?}"))),
+    }
+}
+
+fn read_pruned(pruned: &str) -> PyResult<Pruned> {
+    match pruned {
+        "refuse" => Ok(Pruned::Refuse),
+        "coarse" => Ok(Pruned::Coarse),
+        _ => Err(PyValueError::new_err(format!("pruned is \"refuse\" or \"coarse\", not {pruned:?}"))),
+    }
+}
+
+/// Opens a .csbrdf file: maps it, reads and checks its header and index.
+///
+/// The file may be replaced by renaming another over it, but must not be written to or truncated while it is open: that
+/// would end the process. Where it can happen, read the file and use csbrdf.Brdf(data).
+///
+/// Parameters: path: str or path object. cache_bytes, lookup, pruned: as for csbrdf.Brdf.
+///
+/// Raises OSError (FileNotFoundError, ...) if the file cannot be opened, csbrdf.Error if it cannot be read.
+#[pyfunction]
+#[pyo3(signature = (path, cache_bytes = CACHE_BYTES, lookup = "linear", pruned = "refuse"))]
+fn open(py: Python<'_>, path: PathBuf, cache_bytes: usize, lookup: &str, pruned: &str) -> PyResult<PyBrdf> {
+    let (lookup, pruned) = (read_lookup(lookup)?, read_pruned(pruned)?);
+    detached(py, || {
+        let bytes = Bytes(Arc::new(map_file(&path)?));
+        PyBrdf::open(bytes, cache_bytes, lookup, pruned).map_err(|e| e.in_file(&path))
+    })
+}
+
+impl PyBrdf {
+    fn open(bytes: Bytes, cache_bytes: usize, lookup: Lookup, pruned: Pruned) -> codec::Result<PyBrdf> {
+        let open = |bytes| Ok::<_, codec::Error>(Reader::open(bytes)?.with_pruned(pruned));
+        Ok(PyBrdf(match Brdf::open(open(bytes.clone())?) {
+            Ok(brdf) => Contents::Brdf(brdf.with_cache_bytes(cache_bytes).with_lookup(lookup)),
+            Err(codec::Error::InvalidArgument(why)) => Contents::Table(open(bytes)?, why),
+            Err(e) => return Err(e),
+        }))
+    }
+
+    fn reader(&self) -> &Reader<Bytes> {
+        match &self.0 {
+            Contents::Brdf(brdf) => brdf.reader(),
+            Contents::Table(reader, _) => reader,
+        }
+    }
+
+    fn channel_count(&self) -> usize {
+        self.reader().grid().channels().len()
+    }
+
+    /// `[channel, axes...]`.
+    fn table_shape(&self) -> Vec<usize> {
+        let axes = self.reader().grid().axes().iter().map(|axis| axis.len);
+        [self.channel_count()].into_iter().chain(axes).collect()
+    }
+
+    /// The axes that the file has of four that the codec pads it to.
+    fn unpadded<'a, T>(&self, padded: &'a [T; 4]) -> &'a [T] {
+        &padded[4 - self.reader().grid().axes().len()..]
+    }
+
+    fn place(&self, block: i64) -> PyResult<(usize, Block)> {
+        let found = usize::try_from(block).ok().and_then(|b| Some((b, self.reader().partition().block(b)?)));
+        let count = self.reader().block_count();
+        found.ok_or_else(|| PyIndexError::new_err(format!("there is no block {block}, the file has {count}")))
+    }
+
+    /// A whole table of what `of` gives for blocks, `[channel][position]`.
+    fn assemble<'py, T: Element + Copy + Default + Sync>(
+        &self,
+        py: Python<'py>,
+        kind: &str,
+        of: impl Fn(&Reader<Bytes>, usize) -> codec::Result<Vec<T>> + Sync,
+    ) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
+        let reader = self.reader();
+        let positions = reader.grid().positions();
+        let size = positions.saturating_mul(self.channel_count());
+        let limit = Limits::default().table_values;
+        if size > limit {
+            let (got, limit) = (size as u64, limit as u64);
+            return Err(exception(py, codec::Error::LimitExceeded { what: "values of the table", got, limit }));
+        }
+        let table = zeros::<T>(py, &self.table_shape(), kind)?;
+        {
+            let mut table = table.try_readwrite()?;
+            let table = table.as_slice_mut()?;
+            detached(py, || {
+                for number in 0..reader.block_count() {
+                    let Some(place) = reader.partition().block(number) else { continue };
+                    let values = of(reader, number)?;
+                    let planes = values.chunks_exact(place.positions());
+                    for (plane, values) in table.chunks_exact_mut(positions).zip(planes) {
+                        place.scatter(reader.grid().shape(), values, plane);
+                    }
+                }
+                Ok(())
+            })?;
+        }
+        Ok(table)
+    }
+}
+
+#[pymethods]
+impl PyBrdf {
+    #[new]
+    #[pyo3(signature = (data, cache_bytes = CACHE_BYTES, lookup = "linear", pruned = "refuse"))]
+    fn new(py: Python<'_>, data: PyBackedBytes, cache_bytes: usize, lookup: &str, pruned: &str) -> PyResult<PyBrdf> {
+        let (lookup, pruned) = (read_lookup(lookup)?, read_pruned(pruned)?);
+        detached(py, || PyBrdf::open(Bytes(Arc::new(data)), cache_bytes, lookup, pruned))
+    }
+
+    /// Number of bins along each axis, slowest first: (90, 90, 180) for MERL. Arrays of decode() have the channels in
+    /// front.
+    #[getter]
+    fn shape<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        PyTuple::new(py, &self.table_shape()[1..])
+    }
+
+    /// The axes, slowest first, as a tuple of csbrdf.Axis: theta_h, theta_d, phi_d for MERL.
+    #[getter]
+    fn axes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        let axes = self.reader().grid().axes().iter().map(|&axis| Py::new(py, PyAxis(axis)));
+        PyTuple::new(py, axes.collect::<PyResult<Vec<_>>>()?)
+    }
+
+    /// The channels as a tuple of csbrdf.Channel: R, G, B for MERL.
+    #[getter]
+    fn channels<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        let channels = self.reader().grid().channels().iter().map(|channel| Py::new(py, PyChannel(channel.clone())));
+        PyTuple::new(py, channels.collect::<PyResult<Vec<_>>>()?)
+    }
+
+    /// Number of blocks that block() can decode by themselves.
+    #[getter]
+    fn block_count(&self) -> usize {
+        self.reader().block_count()
+    }
+
+    /// Version of the file's format: (major, minor, draft); draft 0 is final.
+    #[getter]
+    fn version(&self) -> (u16, u16, u16) {
+        self.reader().version()
+    }
+
+    /// Whether decode(exact=True) gives the bits of the table that the file was made from.
+    #[getter]
+    fn lossless(&self) -> bool {
+        self.reader().is_lossless()
+    }
+
+    /// Where the table comes from and how it was encoded, a new dict at every access: name, instrument, licence, authors,
+    /// source_file, encoder, ...; only keys that the file has.
+    ///
+    /// Raises csbrdf.Error if that part of the file is damaged.
+    #[getter]
+    fn metadata<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let text = detached(py, || {
+            let metadata = self.reader().metadata()?;
+            serde_json::to_string(&metadata).map_err(|e| codec::Error::InvalidArgument(format!("metadata: {e}")))
+        })?;
+        py.import("json")?.call_method1("loads", (text,))
+    }
+
+    /// The whole table: float32 [channel, axes...], BRDF values in 1/sr without the cosine. MERL: [channel, theta_h,
+    /// theta_d, phi_d] of shape (3, 90, 90, 180). Entries that were not measured hold what the recovery filled in;
+    /// validity() tells which.
+    ///
+    /// With exact=True float64 in the units of the source (times channel.scale: 1/sr), bit for bit the table that the file
+    /// was made from, with what marked missing entries there; only lossless files have it.
+    ///
+    /// Raises csbrdf.Error if a block is damaged, the table has more than 2**28 values, or exact values are not in the file.
+    #[pyo3(signature = (*, exact = false))]
+    fn decode<'py>(&self, py: Python<'py>, exact: bool) -> PyResult<Bound<'py, PyAny>> {
+        let shape = self.table_shape();
+        if exact {
+            let values = detached(py, || on_threads(|| self.reader().exact_table()))?;
+            return Ok(array(py, values, &shape)?.into_any());
+        }
+        let values = detached(py, || on_threads(|| self.reader().decode_all()))?;
+        Ok(array(py, values, &shape)?.into_any())
+    }
+
+    /// One block: float32 [channel, axes...] in 1/sr, and the tuple of slices that it has in an array of decode().
+    ///
+    /// Raises IndexError if there is no such block (0 to block_count - 1), csbrdf.Error if it is damaged.
+    fn block<'py>(&self, py: Python<'py>, index: i64) -> PyResult<(Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyTuple>)> {
+        let (number, place) = self.place(index)?;
+        let channels = self.channel_count();
+        let values = detached(py, || {
+            let mut values = vec![0.0; self.reader().block_values(number)?];
+            self.reader().block_into(number, &mut values)?;
+            Ok(values)
+        })?;
+        let shape: Vec<usize> = [channels].into_iter().chain(self.unpadded(&place.shape).iter().copied()).collect();
+        let bounds = self.unpadded(&place.origin).iter().zip(&shape[1..]).map(|(&origin, &n)| (origin, origin + n));
+        let bounds = [(0, channels)].into_iter().chain(bounds);
+        let slices = bounds.map(|(from, to)| PySlice::new(py, from as isize, to as isize, 1));
+        Ok((array(py, values, &shape)?, PyTuple::new(py, slices.collect::<Vec<_>>())?))
+    }
+
+    /// Which entries of decode() were measured: bool [channel, axes...].
+    ///
+    /// Raises csbrdf.Error as decode() does.
+    fn validity<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<bool>>> {
+        self.assemble(py, "?", |reader, block| reader.block_validity(block))
+    }
+
+    /// Where each entry of decode() comes from: uint8 [channel, axes...] of csbrdf.Origin's numbers.
+    ///
+    /// Raises csbrdf.Error as decode() does.
+    fn origin<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<u8>>> {
+        let number = |origin: Origin| match origin {
+            Origin::Sampled => 0,
+            Origin::Measured => 1,
+            Origin::Filled => 2,
+            Origin::Impossible => 3,
+        };
+        self.assemble(py, "u1", |reader, block| Ok(reader.block_origin(block)?.into_iter().map(number).collect()))
+    }
+
+    /// BRDF values in 1/sr, without the cosine: float32 (..., channels) for light from wi and view to wo.
+    ///
+    /// Parameters: wi, wo: arrays (..., 3) that broadcast against each other, float32 or float64 (others are converted to
+    /// float64). Both point away from the surface, in its frame: z along the normal, x along the tangent. Their lengths do
+    /// not matter. Pairs with a direction below the horizon (z < 0), zero or not finite give 0.
+    ///
+    /// Values between bin centres are interpolated (lookup="linear"); blocks that are needed are decoded and kept, up to
+    /// cache_bytes. Many pairs are shared out to all cores.
+    ///
+    /// Raises ValueError for shapes that do not fit, csbrdf.Error if a block that is needed is damaged or the axes of the
+    /// file do not say how directions map to the grid.
+    fn eval<'py>(
+        &self,
+        py: Python<'py>,
+        wi: &Bound<'py, PyAny>,
+        wo: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        let brdf = match &self.0 {
+            Contents::Brdf(brdf) => brdf,
+            Contents::Table(_, why) => return Err(Error::new_err(why.clone())),
+        };
+        let (wi, wo) = (Directions::new(wi, "wi")?, Directions::new(wo, "wo")?);
+        let Some(mut walk) = Broadcast::new([wi.shape(), wo.shape()]) else {
+            let (wi, wo) = (shown(py, wi.shape())?, shown(py, wo.shape())?);
+            return Err(PyValueError::new_err(format!(
+                "wi and wo do not broadcast against each other: {wi} and {wo} before the last axis"
+            )));
+        };
+        let channels = self.channel_count();
+        let values = zeros::<f32>(py, &[walk.shape(), &[channels]].concat(), "f4")?;
+        {
+            let (wi, wo) = (wi.rows()?, wo.rows()?);
+            let mut values = values.try_readwrite()?;
+            for values in values.as_slice_mut()?.chunks_mut(channels * BATCH.min(BATCH_VALUES / channels)) {
+                // Copied while the GIL keeps others from changing them.
+                let pairs = walk.by_ref().take(values.len() / channels).map(|[i, o]| (wi.get(i), wo.get(o)));
+                let (wi, wo): (Vec<_>, Vec<_>) = pairs.unzip();
+                detached(py, || eval_many(brdf, &wi, &wo, values))?;
+                py.check_signals()?;
+            }
+        }
+        Ok(values)
+    }
+
+    /// Checks every byte: all sections' checksums, and that each block decodes. Returns what is damaged, a text each; an
+    /// empty list if the file is intact.
+    fn verify(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        detached(py, || on_threads(|| Ok(self.reader().verify().iter().map(ToString::to_string).collect())))
+    }
+
+    fn __repr__(&self) -> String {
+        let grid = self.reader().grid();
+        let axes: Vec<_> = grid.axes().iter().map(|axis| format!("{} {}", axis.name.as_str(), axis.len)).collect();
+        let channels = match grid.channels() {
+            few if few.len() <= 4 => few.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(" "),
+            many => many.len().to_string(),
+        };
+        format!("<csbrdf.Brdf {}; channels {channels}; {} blocks>", axes.join(" x "), self.reader().block_count())
+    }
+}
+
+/// Decoder of .csbrdf files, compiled; `import csbrdf` has it all.
+#[pymodule]
+fn _csbrdf(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("Error", module.py().get_type::<Error>())?;
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add_class::<PyBrdf>()?;
+    module.add_class::<PyAxis>()?;
+    module.add_class::<PyChannel>()?;
+    module.add_function(wrap_pyfunction!(open, module)?)
+}
