@@ -12,6 +12,7 @@ use std::f64::consts::{PI, TAU};
 
 use crate::exact::atan2;
 use crate::grid::{Axis, AxisName, Grid};
+pub(crate) use pair::upper_unit;
 pub(crate) use pair::{BATCH, Batch};
 use pair::{Pair, azimuth};
 
@@ -177,7 +178,7 @@ pub(crate) fn neighbours(grid: &Grid, coordinates: [f64; 4], lookup: Lookup) -> 
 }
 
 /// The two bins around coordinate `u` and the weight of the second, in [0, 1).
-fn neighbours_on(axis: &Axis, u: f64, lookup: Lookup) -> (usize, usize, f64) {
+pub(crate) fn neighbours_on(axis: &Axis, u: f64, lookup: Lookup) -> (usize, usize, f64) {
     let last = axis.len - 1;
     let u = if u.is_nan() { 0.0 } else { u.clamp(0.0, axis.len as f64) };
     if lookup == Lookup::Nearest {
@@ -197,7 +198,7 @@ fn neighbours_on(axis: &Axis, u: f64, lookup: Lookup) -> (usize, usize, f64) {
 
 /// True where the first and last bins of an azimuth are neighbours: it covers the whole turn, or half a turn of phi_d,
 /// which repeats after pi by reciprocity.
-fn closes(axis: &Axis) -> bool {
+pub(crate) fn closes(axis: &Axis) -> bool {
     // Ranges may have come through degrees or single precision.
     let covers = |period: f64| (axis.end - axis.start - period).abs() < 1e-5 * period;
     axis.name.is_periodic() && (covers(TAU) || axis.name == AxisName::PhiD && covers(PI))

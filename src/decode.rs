@@ -785,7 +785,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
         })
     }
 
-    fn check_table_size(&self) -> Result<usize> {
+    pub(crate) fn check_table_size(&self) -> Result<usize> {
         let values = self.grid().positions().saturating_mul(self.grid().channels().len());
         if values > self.limits.table_values {
             let limit = self.limits.table_values as u64;

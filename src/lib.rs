@@ -67,6 +67,9 @@ pub mod format;
 pub mod fourier;
 pub mod grid;
 mod horizon;
+pub mod importance;
+#[cfg(any(feature = "encode", test))]
+pub mod lint;
 mod lossless;
 #[cfg(feature = "mmap")]
 pub mod map;

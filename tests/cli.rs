@@ -137,7 +137,9 @@ fn npy(bytes: &[u8]) -> (Vec<usize>, Vec<f32>) {
 #[test]
 fn help_lists_subcommands_and_exit_codes() {
     let help = run(&["--help"]).expect(OK);
-    for subcommand in ["encode", "plan", "decode", "info", "verify", "compare", "eval", "synth", "report", "demo"] {
+    for subcommand in
+        ["encode", "plan", "decode", "info", "verify", "lint", "compare", "eval", "synth", "report", "demo"]
+    {
         assert!(help.text().contains(subcommand));
         let own = run(&[subcommand, "--help"]).expect(OK);
         assert!(own.text().contains("Exit codes:") && own.text().contains("3  an input is damaged"));

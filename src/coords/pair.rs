@@ -135,7 +135,7 @@ fn is_usual(length: f64) -> bool {
 }
 
 /// The direction at unit length; `None` if zero, not finite or below the horizon.
-fn upper_unit(w: [f64; 3]) -> Option<[f64; 3]> {
+pub(crate) fn upper_unit(w: [f64; 3]) -> Option<[f64; 3]> {
     if w.iter().any(|c| !c.is_finite()) || w[2] < 0.0 {
         return None;
     }

@@ -8,7 +8,8 @@ const EXIT_CODES: &str = "\
 Exit codes:
   0  done; also if the reader of the output closed the pipe early
   1  an operation failed: a file is missing, exists already, cannot be read or written; a contract (--max-error,
-     --rmse, --psnr, --ratio, --size) cannot be kept, or verify --against shows that a file breaks its word
+     --rmse, --psnr, --ratio, --size) cannot be kept, verify --against shows that a file breaks its word, or lint --strict
+     has warnings
   2  usage: the arguments are wrong
   3  an input is damaged or not of the expected format
   4  an input is of a version that this build does not read, or above its limits
@@ -50,6 +51,9 @@ pub enum Command {
     /// Check every byte of .csbrdf files, or of all that a manifest lists
     #[command(after_help = EXIT_CODES)]
     Verify(VerifyArgs),
+    /// Check that materials could exist: energy, reciprocity, the horizon
+    #[command(after_help = EXIT_CODES)]
+    Lint(LintArgs),
     /// Measure how far one table is from another
     #[command(after_help = EXIT_CODES)]
     Compare(CompareArgs),
@@ -266,6 +270,24 @@ pub struct VerifyArgs {
     /// file. For a manifest: the folder of the tables, by the names that they had
     #[arg(long, value_name = "ORIGINAL")]
     pub against: Option<PathBuf>,
+}
+
+/// Arguments of `lint`.
+///
+/// Looks at values as renderers get them: between bins, and filled in where nothing was measured. Warns of an albedo above 1 by more
+/// than the error of its quadrature; of (wi, wo) and (wo, wi) that differ by more than 0.05 rms in ln(f + 0.001); and where light from
+/// up to 60 degrees mostly goes along the surface, by f cos(theta_o).
+#[derive(Debug, Args)]
+pub struct LintArgs {
+    /// .csbrdf files or MERL .binary tables, or - for standard input
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// One JSON object a file, one a line
+    #[arg(long)]
+    pub json: bool,
+    /// Fail if there are warnings
+    #[arg(long)]
+    pub strict: bool,
 }
 
 /// Arguments of `compare`.

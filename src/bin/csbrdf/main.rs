@@ -9,6 +9,7 @@ mod eval;
 mod failure;
 mod info;
 mod input;
+mod lint;
 mod output;
 mod picture;
 mod plan;
@@ -61,6 +62,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Decode(args) => decode::run(&args),
         Command::Info(args) => info::run(&args),
         Command::Verify(args) => verify::run(&args, cli.quiet),
+        Command::Lint(args) => lint::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Eval(args) => eval::run(&args),
         Command::Render(args) => render::run(&args, cli.quiet),
