@@ -1,59 +1,63 @@
-//! One long axis by rustdct or realfft, line by line.
+//! One long axis line by line, in double precision, by rustdct and rustfft.
+//!
+//! By the scalar plans alone: rustfft is generic, so that all of it that a plan may need is compiled into this crate, and its plans with
+//! vector instructions, in two precisions, were half of all that there was to compile, for axes that are rare.
 
-use std::f64::consts::FRAC_1_SQRT_2;
 use std::sync::Arc;
 
-use realfft::num_complex::Complex;
-use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
-use rustdct::{DctPlanner, TransformType2And3};
+use rustdct::algorithm::Type2And3ConvertToFft;
+use rustdct::{Dct2, Dct3, RequiredScratch};
+use rustfft::num_complex::Complex;
+use rustfft::{Fft, FftPlannerScalar};
 
 use super::real::Real;
 use crate::fourier::Basis;
 
 /// An axis of length n with the scratch of its plans.
-pub(super) struct Long<T: Real> {
-    plan: Plan<T>,
-    line: Vec<T>,
+pub(super) struct Long {
+    plan: Plan,
+    line: Vec<f64>,
 }
 
-enum Plan<T: Real> {
+enum Plan {
     Dct {
-        plan: Arc<dyn TransformType2And3<T>>,
-        scratch: Vec<T>,
+        plan: Type2And3ConvertToFft<f64>,
+        scratch: Vec<f64>,
     },
     Dft {
-        analysis: Arc<dyn RealToComplex<T>>,
-        synthesis: Arc<dyn ComplexToReal<T>>,
-        spectrum: Vec<Complex<T>>,
-        scratch: Vec<Complex<T>>,
+        forward: Arc<dyn Fft<f64>>,
+        inverse: Arc<dyn Fft<f64>>,
+        spectrum: Vec<Complex<f64>>,
+        scratch: Vec<Complex<f64>>,
     },
 }
 
-impl<T: Real> Long<T> {
-    pub(super) fn new(basis: Basis, n: usize) -> Long<T> {
+impl Long {
+    pub(super) fn new(basis: Basis, n: usize) -> Long {
+        let mut planner = FftPlannerScalar::new();
+        let forward = planner.plan_fft_forward(n);
         let plan = match basis {
             Basis::Dct => {
-                let plan = DctPlanner::new().plan_dct2(n);
-                let scratch = vec![T::zero(); plan.get_scratch_len()];
+                let plan = Type2And3ConvertToFft::new(forward);
+                let scratch = vec![0.0; plan.get_scratch_len()];
                 Plan::Dct { plan, scratch }
             }
             Basis::Dft => {
-                let mut planner = RealFftPlanner::new();
-                let (analysis, synthesis) = (planner.plan_fft_forward(n), planner.plan_fft_inverse(n));
-                let scratch = analysis.get_scratch_len().max(synthesis.get_scratch_len());
-                let scratch = vec![Complex::default(); scratch];
-                Plan::Dft { analysis, synthesis, spectrum: vec![Complex::default(); n / 2 + 1], scratch }
+                let inverse = planner.plan_fft_inverse(n);
+                let scratch = forward.get_inplace_scratch_len().max(inverse.get_inplace_scratch_len());
+                let [spectrum, scratch] = [n, scratch].map(|n| vec![Complex::default(); n]);
+                Plan::Dft { forward, inverse, spectrum, scratch }
             }
         };
-        Long { plan, line: vec![T::zero(); n] }
+        Long { plan, line: vec![0.0; n] }
     }
 
     /// Transforms all lines of a block, whose entries are `inner` values apart.
-    pub(super) fn along(&mut self, inner: usize, block: &mut [T], forward: bool) {
+    pub(super) fn along<T: Real>(&mut self, inner: usize, block: &mut [T], forward: bool) {
         for lines in block.chunks_exact_mut(self.line.len() * inner) {
             for lane in 0..inner {
                 for (value, v) in self.line.iter_mut().zip(lines[lane..].iter().step_by(inner)) {
-                    *value = *v;
+                    *value = (*v).into();
                 }
                 if forward {
                     self.analyze();
@@ -61,7 +65,7 @@ impl<T: Real> Long<T> {
                     self.synthesize();
                 }
                 for (value, v) in self.line.iter().zip(lines[lane..].iter_mut().step_by(inner)) {
-                    *v = *value;
+                    *v = T::of(*value);
                 }
             }
         }
@@ -69,23 +73,23 @@ impl<T: Real> Long<T> {
 
     fn analyze(&mut self) {
         let line = &mut self.line[..];
-        let (single, double) = norms::<T>(line.len());
+        let (single, double) = norms(line.len());
         match &mut self.plan {
             Plan::Dct { plan, scratch } => {
                 plan.process_dct2_with_scratch(line, scratch);
-                line[0] = line[0] * single;
-                line[1..].iter_mut().for_each(|c| *c = *c * double);
+                line[0] *= single;
+                line[1..].iter_mut().for_each(|c| *c *= double);
             }
-            Plan::Dft { analysis, spectrum, scratch, .. } => {
-                let done = analysis.process_with_scratch(line, spectrum, scratch);
-                debug_assert!(done.is_ok());
+            Plan::Dft { forward, spectrum, scratch, .. } => {
+                spectrum.iter_mut().zip(&*line).for_each(|(z, v)| *z = Complex::new(*v, 0.0));
+                forward.process_with_scratch(spectrum, scratch);
                 line[0] = spectrum[0].re * single;
                 let (pairs, nyquist) = line[1..].as_chunks_mut::<2>();
                 for (pair, z) in pairs.iter_mut().zip(&spectrum[1..]) {
                     *pair = [z.re * double, z.im * double];
                 }
                 if let [last] = nyquist {
-                    *last = spectrum[spectrum.len() - 1].re * single;
+                    *last = spectrum[spectrum.len() / 2].re * single;
                 }
             }
         }
@@ -93,33 +97,33 @@ impl<T: Real> Long<T> {
 
     fn synthesize(&mut self) {
         let line = &mut self.line[..];
-        let (single, double) = norms::<T>(line.len());
+        let (single, double) = norms(line.len());
         match &mut self.plan {
             Plan::Dct { plan, scratch } => {
                 // rustdct's DCT-III halves the first coefficient.
-                line[0] = line[0] * (single + single);
-                line[1..].iter_mut().for_each(|c| *c = *c * double);
+                line[0] *= single + single;
+                line[1..].iter_mut().for_each(|c| *c *= double);
                 plan.process_dct3_with_scratch(line, scratch);
             }
-            Plan::Dft { synthesis, spectrum, scratch, .. } => {
-                spectrum[0] = Complex::new(line[0] * single, T::zero());
+            Plan::Dft { inverse, spectrum, scratch, .. } => {
+                let n = spectrum.len();
+                spectrum[0] = Complex::new(line[0] * single, 0.0);
                 let (pairs, nyquist) = line[1..].as_chunks::<2>();
-                // realfft adds the other half of the spectrum.
-                let half = single * T::of(FRAC_1_SQRT_2);
-                for (z, pair) in spectrum[1..].iter_mut().zip(pairs) {
-                    *z = Complex::new(pair[0] * half, pair[1] * half);
+                for (k, [re, im]) in pairs.iter().enumerate() {
+                    let z = Complex::new(re * double / 2.0, im * double / 2.0);
+                    (spectrum[k + 1], spectrum[n - k - 1]) = (z, z.conj());
                 }
-                if let ([last], Some(z)) = (nyquist, spectrum.last_mut()) {
-                    *z = Complex::new(*last * single, T::zero());
+                if let [last] = nyquist {
+                    spectrum[n / 2] = Complex::new(last * single, 0.0);
                 }
-                let done = synthesis.process_with_scratch(spectrum, line, scratch);
-                debug_assert!(done.is_ok());
+                inverse.process_with_scratch(spectrum, scratch);
+                line.iter_mut().zip(&*spectrum).for_each(|(v, z)| *v = z.re);
             }
         }
     }
 }
 
 /// Norms of the constant and alternating basis functions and of all others.
-fn norms<T: Real>(n: usize) -> (T, T) {
-    (T::of((1.0 / n as f64).sqrt()), T::of((2.0 / n as f64).sqrt()))
+fn norms(n: usize) -> (f64, f64) {
+    ((1.0 / n as f64).sqrt(), (2.0 / n as f64).sqrt())
 }

@@ -3,7 +3,7 @@
 use rustdct::DctNum;
 
 /// Single or double precision.
-pub trait Real: DctNum + Default {
+pub trait Real: DctNum + Default + Into<f64> {
     /// The nearest value.
     fn of(value: f64) -> Self;
 
