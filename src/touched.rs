@@ -1,4 +1,4 @@
-//! Which blocks of a file a scene has looked at, to keep only those ([`crate::prune`]).
+//! Which blocks of a file a scene has looked at, to keep only those: `csbrdf prune`.
 
 use std::fmt::Write as _;
 
