@@ -116,9 +116,10 @@ fn foreign_and_newer_files_are_named() {
     assert!(says(b"<html>not found</html>").contains("text"));
     assert!(says(&90i32.to_le_bytes().repeat(3)).contains("MERL"));
     assert!(says(&[0; 100]).contains("not a csbrdf file"));
-    for (at, name) in [(8, "version 2.0 draft 4"), (12, "version 1.0 draft 5")] {
+    // The file is of draft 4, this build reads 5.
+    for (at, more, name) in [(8, 1, "version 2.0 draft 4"), (12, 2, "version 1.0 draft 6")] {
         let mut newer = file().to_vec();
-        newer[at] += 1;
+        newer[at] += more;
         assert!(says(&newer).contains(name), "{}", says(&newer));
     }
     let text_mode: Vec<u8> = file().iter().copied().filter(|&b| b != b'\r').collect();
