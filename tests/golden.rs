@@ -2,24 +2,33 @@
 //!
 //! `tests/data/v1/hashes.txt` holds, for each file, CRC-32s of the decoded binary32 values, of the binary64 values,
 //! of the validity and, of lossless files, of the exact values: what every machine, build and thread count must give.
+//! `tests/data/v1/eval.txt` holds, for each file that can be evaluated at directions, CRC-32s of binary32 values there.
+//! What was found is printed: `tools/cross.sh` compares these lines between machines.
 
 use std::path::Path;
 
+use csbrdf::coords::Lookup;
 use csbrdf::decode::{Origin, Pruned, Reader};
+use csbrdf::eval::Brdf;
+use csbrdf::sample::SplitMix64;
 
-/// One line of the list: file, then three checksums in hexadecimal, and of a lossless file that of its exact values.
+/// The lines of a list: file, then checksums in hexadecimal.
+fn sums(list: &'static str) -> impl Iterator<Item = (String, Vec<u32>)> {
+    list.lines().filter(|line| !line.starts_with('#') && !line.is_empty()).map(|line| {
+        let mut fields = line.split_whitespace();
+        let name = fields.next().expect("a name").to_string();
+        (name, fields.map(|field| u32::from_str_radix(field, 16).expect("hexadecimal")).collect())
+    })
+}
+
+/// File, three checksums, and of a lossless file that of its exact values.
 fn expected() -> Vec<(String, [u32; 3], Option<u32>)> {
-    include_str!("data/v1/hashes.txt")
-        .lines()
-        .filter(|line| !line.starts_with('#') && !line.is_empty())
-        .map(|line| {
-            let mut fields = line.split_whitespace();
-            let name = fields.next().expect("a name").to_string();
-            let hash = |text: Option<&str>| u32::from_str_radix(text.expect("three sums"), 16).expect("hexadecimal");
-            let sums = [hash(fields.next()), hash(fields.next()), hash(fields.next())];
-            (name, sums, fields.next().map(|field| hash(Some(field))))
-        })
-        .collect()
+    let split = |(name, sums): (String, Vec<u32>)| (name, [sums[0], sums[1], sums[2]], sums.get(3).copied());
+    sums(include_str!("data/v1/hashes.txt")).map(split).collect()
+}
+
+fn crc(values: &[f32]) -> u32 {
+    crc32fast::hash(&values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>())
 }
 
 fn read(name: &str) -> Vec<u8> {
@@ -36,16 +45,69 @@ fn golden_files_decode_to_their_bits() {
         let bytes = read(&name);
         let reader = Reader::open(&bytes[..]).unwrap_or_else(|e| panic!("{name}: {e}")).with_pruned(Pruned::Coarse);
         assert!(reader.verify().is_empty(), "{name}");
-        let single: Vec<u8> = reader.decode_all().unwrap().iter().flat_map(|v| v.to_le_bytes()).collect();
         let table = reader.decode_table().unwrap();
         let double: Vec<u8> = table.values().iter().flat_map(|v| v.to_le_bytes()).collect();
         let valid: Vec<u8> = table.valid().iter().map(|&v| u8::from(v)).collect();
-        let got = [&single, &double, &valid].map(|bytes| crc32fast::hash(bytes));
+        let got = [crc(&reader.decode_all().unwrap()), crc32fast::hash(&double), crc32fast::hash(&valid)];
+        let line = format!("{name} {:08x} {:08x} {:08x}", got[0], got[1], got[2]);
+        println!("{line}");
         if got != sums {
-            wrong.push(format!("{name} {:08x} {:08x} {:08x}", got[0], got[1], got[2]));
+            wrong.push(line);
         }
     }
     assert!(wrong.is_empty(), "decoded bits have changed:\n{}", wrong.join("\n"));
+}
+
+/// Pairs of directions, made without the system's sines, whose bits are not those of every machine.
+fn directions() -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
+    let mut random = SplitMix64(2013);
+    let mut uniform = || (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
+    // Length does not matter; one in nine is below the horizon.
+    let mut direction = || [2.0 * uniform() - 1.0, 2.0 * uniform() - 1.0, 1.125 * uniform() - 0.125];
+    let (mut wi, mut wo): (Vec<_>, Vec<_>) = (0..500).map(|_| (direction(), direction())).unzip();
+    // The normal, grazing, retroreflection, opposite directions, lengths whose squares overflow or vanish.
+    let edges = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [1e-200, 0.0, 1e-200], [3e300, -4e300, 1e299]];
+    for a in edges {
+        for b in edges {
+            wi.push(a);
+            wo.push(b);
+        }
+    }
+    (wi, wo)
+}
+
+/// Values at directions, from coefficients and from rebuilt blocks, one by one and many at once.
+#[test]
+fn evaluations_are_as_they_were() {
+    let (wi, wo) = directions();
+    let mut got = Vec::new();
+    for (name, ..) in expected() {
+        let bytes = read(&name);
+        let open = || Brdf::open(Reader::open(&bytes[..]).unwrap().with_pruned(Pruned::Coarse));
+        if open().is_err() {
+            // Axes that are no angles of directions.
+            continue;
+        }
+        let crcs = [Lookup::Linear, Lookup::Nearest].map(|lookup| {
+            let brdf = open().unwrap().with_lookup(lookup);
+            let channels = brdf.reader().grid().channels().len();
+            let mut many = vec![0.0; wi.len() * channels];
+            brdf.eval_many(&wi, &wo, &mut many).unwrap();
+            assert!(many.iter().any(|v| *v > 0.0), "{name}");
+            // Without room no coefficients are kept: nearly every value has its block rebuilt, so not of every pair.
+            let brdf = open().unwrap().with_lookup(lookup).with_cache_bytes(0);
+            let mut value = vec![0.0; channels];
+            for (i, many) in many.chunks_exact(channels).enumerate().step_by(16) {
+                brdf.eval_into(wi[i], wo[i], &mut value).unwrap();
+                assert_eq!(crc(&value), crc(many), "{name}, {lookup:?}, pair {i}");
+            }
+            crc(&many)
+        });
+        println!("{name} {:08x} {:08x}", crcs[0], crcs[1]);
+        got.push((name, crcs.to_vec()));
+    }
+    let expected: Vec<_> = sums(include_str!("data/v1/eval.txt")).collect();
+    assert!(got.len() >= 6 && got == expected, "values at directions have changed");
 }
 
 #[test]

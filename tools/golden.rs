@@ -1,7 +1,7 @@
 //! Writes golden files of a draft into a folder: `cargo run --release --example golden -- tests/data/v1`.
 //!
 //! For new features and new drafts only: files that exist are left alone, since golden files are read forever once
-//! the version they belong to is final. Add the sums that `cargo test --test golden` then prints to `hashes.txt`.
+//! the version they belong to is final. Add the sums that `cargo test --test golden` then prints to `hashes.txt` and `eval.txt`.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::path::PathBuf;

@@ -81,7 +81,7 @@ pub(crate) fn read_probabilities(mut r: ByteReader, contexts: usize, draft: u16)
             return Err(r.corrupt(format!("probability of context {i} is zero")));
         }
     }
-    if !contexts.is_multiple_of(8) && used[contexts / 8] >> (contexts % 8) != 0 {
+    if (contexts..8 * used.len()).any(|i| used[i / 8] >> (i % 8) & 1 == 1) {
         return Err(r.corrupt("bits beyond the last context are set"));
     }
     r.finish()?;
