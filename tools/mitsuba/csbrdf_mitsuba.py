@@ -14,13 +14,15 @@ mode        "texture": the whole table decoded into a Dr.Jit texture, looked up 
             JIT variants blocks need evaluated loops and calls: `with csbrdf_mitsuba.evaluated(): mi.render(scene)`
 sampling    a file as in `filename` that samples are drawn after instead (default: the material itself). Pictures of two versions
             of a material that share it differ by their values alone, not by their noise
-cosine      share of the samples drawn in proportion to the cosine, 0 to 1 (default 0.25); the others draw a half vector
+cosine      share of the samples drawn in proportion to the cosine, 0 to 1 (default 0.25, or 0 where the package draws)
 
 The surface reflects on the side of its normal only; `twosided` around it makes it do so on both.
 
-Samples: a half vector's elevation comes from the table's mean over theta_d and phi_d per theta_h bin, within a bin uniform over
-its solid angle, its azimuth is uniform, and the incident direction is mirrored at it. What falls below the horizon has
-weight zero and density zero: the density integrates to less than one.
+Samples: in mode "blocks" by Brdf.importance of the Python package, whose density integrates to one, for files over theta_h,
+theta_d, phi_d and phi_h. Else, and where `sampling` is given: a half vector's elevation comes from the table's mean over
+theta_d and phi_d per theta_h bin (or from some values of the file), within a bin uniform over its solid angle, its azimuth
+is uniform, and the incident direction is mirrored at it. What falls below the horizon has weight zero and density zero:
+that density integrates to less than one.
 """
 import contextlib
 import math
@@ -34,10 +36,6 @@ MERL_SCALE = np.array([1.0, 1.15, 1.66]) / 1500
 MERL_AXES = ["theta_h", "theta_d", "phi_d"]
 LARGEST = float(np.finfo(np.float32).max)
 LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
-
-
-class UnknownAxes(ValueError):
-    """A table that mode "texture" cannot read."""
 
 
 class Table:
@@ -84,9 +82,9 @@ def read_csbrdf(brdf, path):
     axes = brdf.axes
     if [axis.name for axis in axes] != MERL_AXES or any(axis.start != 0 for axis in axes):
         names = [axis.name for axis in axes]
-        raise UnknownAxes(f"{path}: axes {names}; mode 'texture' knows {MERL_AXES} from 0 on, take mode 'blocks'")
+        raise ValueError(f"{path}: axes {names}; mode 'texture' knows {MERL_AXES} from 0 on, take mode 'blocks'")
     if any(axis.mapping != "linear" for axis in axes[1:]):
-        raise UnknownAxes(f"{path}: bins of theta_d or phi_d are not equal; take mode 'blocks'")
+        raise ValueError(f"{path}: bins of theta_d or phi_d are not equal; take mode 'blocks'")
     values = np.ascontiguousarray(np.moveaxis(brdf.decode()[colours(brdf)], 0, -1))
     return Table(values, axes[0].mapping == "square", tuple(axis.end for axis in axes))
 
@@ -116,7 +114,9 @@ def evaluated():
 
 
 class Lobe:
-    """The density of half vectors: a share of the samples for each theta_h bin."""
+    """Mirrors the incident direction at half vectors: a share of the samples for each theta_h bin."""
+
+    cosine = 0.25  # share of the samples that is better drawn by the cosine
 
     def __init__(self, weights, square, end):
         self.bins, self.square, self.end = len(weights), square, end
@@ -131,21 +131,24 @@ class Lobe:
         low, high = self.edge(i), self.edge(i + 1)
         return 4 * dr.pi * dr.sin((low + high) / 2) * dr.sin((high - low) / 2)
 
-    def sample(self, sample1, sample2, active):
-        i, u = self.distribution.sample_reuse(sample1, active)
+    def sample(self, wi, sample, active):
+        i, u = self.distribution.sample_reuse(sample.x, active)
         # s = sin^2(theta / 2) is uniform over the sphere.
         s = dr.square(dr.sin(self.edge(mi.Float(i)) / 2)) + u * self.solid_angle(mi.Float(i)) / (4 * dr.pi)
         s = dr.minimum(s, 1.0)
         radius = 2 * dr.sqrt(s * (1 - s))
-        sin_phi, cos_phi = dr.sincos(2 * dr.pi * sample2)
-        return mi.Vector3f(radius * cos_phi, radius * sin_phi, 1 - 2 * s)
+        sin_phi, cos_phi = dr.sincos(2 * dr.pi * sample.y)
+        half = mi.Vector3f(radius * cos_phi, radius * sin_phi, 1 - 2 * s)
+        return dr.normalize(2 * dr.dot(wi, half) * half - wi)
 
-    def pdf(self, theta, active):
-        """Density per solid angle at a half vector's elevation."""
+    def pdf(self, wi, wo, active):
+        half = wi + wo
+        theta = dr.atan2(dr.norm(mi.Vector2f(half.x, half.y)), half.z)
         t = dr.clip(theta / self.end, 0, 1)
         i = dr.minimum(dr.floor((dr.sqrt(t) if self.square else t) * self.bins), self.bins - 1)
         share = self.distribution.eval_pmf_normalized(mi.UInt32(i), active)
-        return dr.select(theta <= self.end, share / self.solid_angle(i), 0)
+        # wi . half / |half| = |wi + wo| / 2
+        return dr.select(theta <= self.end, share / self.solid_angle(i), 0) / dr.maximum(2 * dr.norm(half), 1e-20)
 
 
 def lobe_of(table):
@@ -221,6 +224,23 @@ class Texture:
         return dr.select(active, mi.Color3f(r, g, b), 0)
 
 
+def outside(kind, function, active, *vectors):
+    """What a function of arrays (n, ...) gives for active lanes, and zero elsewhere; called outside of the kernels."""
+    if not dr.is_jit_v(mi.Float):
+        return kind(function(*(np.array(v, np.float64) for v in vectors)).tolist()) if active else kind(0)
+    if dr.flag(dr.JitFlag.SymbolicScope):
+        raise RuntimeError("csbrdf: mode 'blocks' cannot be compiled into a kernel; render inside of "
+                           "csbrdf_mitsuba.evaluated(), or take mode 'texture'")
+    mask = np.asarray(mi.Bool(active).numpy())
+    vectors = [np.asarray(v.numpy()).T for v in vectors]
+    n = max(len(mask), *(len(v) for v in vectors))
+    mask = np.broadcast_to(mask, n)
+    found = function(*(np.broadcast_to(v, (n, v.shape[1]))[mask] for v in vectors))
+    values = np.zeros((n, *found.shape[1:]), np.float32)
+    values[mask] = found
+    return kind(np.ascontiguousarray(values.T))
+
+
 class Blocks:
     """Values from Brdf.eval, outside of the kernels."""
 
@@ -228,22 +248,22 @@ class Blocks:
         self.brdf, self.colours = brdf, colours(brdf)
 
     def eval(self, light, view, active):
-        if not dr.is_jit_v(mi.Float):
-            if not active:
-                return mi.Color3f(0)
-            value = self.brdf.eval(np.array(light, np.float64), np.array(view, np.float64))
-            return mi.Color3f(value[self.colours].tolist())
-        if dr.flag(dr.JitFlag.SymbolicScope):
-            raise RuntimeError("csbrdf: mode 'blocks' cannot be compiled into a kernel; render inside of "
-                               "csbrdf_mitsuba.evaluated(), or take mode 'texture'")
-        mask = np.asarray(mi.Bool(active).numpy())
-        light, view = (np.asarray(mi.Vector3f(w).numpy()).T for w in (light, view))
-        n = max(len(mask), len(light), len(view))
-        mask = np.broadcast_to(mask, n)
-        light, view = (np.broadcast_to(w, (n, 3))[mask] for w in (light, view))
-        values = np.zeros((n, 3), np.float32)
-        values[mask] = self.brdf.eval(light, view)[:, self.colours]
-        return mi.Color3f(np.ascontiguousarray(values.T))
+        return outside(mi.Color3f, lambda *pair: self.brdf.eval(*pair)[..., self.colours], active, light, view)
+
+
+class Importance:
+    """Samples by Brdf.importance, outside of the kernels."""
+
+    cosine = 0  # it has a share of its own
+
+    def __init__(self, brdf):
+        self.importance = brdf.importance()
+
+    def sample(self, wi, sample, active):
+        return outside(mi.Vector3f, lambda *given: self.importance.sample(*given)[0], active, wi, sample)
+
+    def pdf(self, wi, wo, active):
+        return outside(mi.Float, self.importance.pdf, active, wi, wo)
 
 
 def open_source(filename, mode):
@@ -260,10 +280,9 @@ def open_source(filename, mode):
     if mode == "texture":
         table = read_csbrdf(brdf, path)
         return Texture(table), lobe_of(table)
-    try:
-        return Blocks(brdf), lobe_of(read_csbrdf(brdf, path))
-    except UnknownAxes:
-        return Blocks(brdf), generic_lobe(brdf)
+    names = [axis.name for axis in brdf.axes]
+    known = "theta_h" in names and all(name in (*MERL_AXES, "phi_h") for name in names)
+    return Blocks(brdf), Importance(brdf) if known else generic_lobe(brdf)
 
 
 def make_class():
@@ -278,12 +297,12 @@ def make_class():
             self.filename = props["filename"]
             usual = "texture" if jit or self.filename.endswith(".binary") else "blocks"
             self.mode = props.get("mode", usual)
-            self.cosine = float(props.get("cosine", 0.25))
-            if not 0 <= self.cosine <= 1:
-                raise ValueError(f"csbrdf: cosine is {self.cosine}, must be within 0 and 1")
             self.source, self.lobe = open_source(self.filename, self.mode)
             if "sampling" in props:
                 self.lobe = open_source(props["sampling"], "texture")[1]
+            self.cosine = float(props.get("cosine", self.lobe.cosine))
+            if not 0 <= self.cosine <= 1:
+                raise ValueError(f"csbrdf: cosine is {self.cosine}, must be within 0 and 1")
             # Isotropic or not: a table may have its azimuths.
             flags = mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.FrontSide
             self.m_components = [flags]
@@ -296,11 +315,7 @@ def make_class():
             return self.source.eval(light, view, active) * dr.maximum(mi.Frame3f.cos_theta(wo), 0)
 
         def density(self, si, wo, active):
-            half = si.wi + wo
-            length = dr.norm(half)
-            theta = dr.atan2(dr.norm(mi.Vector2f(half.x, half.y)), half.z)
-            # wi . half / |half| = |wi + wo| / 2
-            lobe = self.lobe.pdf(theta, active) / dr.maximum(2 * length, 1e-20)
+            lobe = self.lobe.pdf(si.wi, wo, active)
             pdf = self.cosine * mi.Frame3f.cos_theta(wo) / dr.pi + (1 - self.cosine) * lobe
             return dr.select(active, pdf, 0)
 
@@ -314,9 +329,8 @@ def make_class():
                 return bs, mi.Color3f(0)
             by_cosine = sample1 < self.cosine
             spread = mi.warp.square_to_cosine_hemisphere(sample2)
-            half = self.lobe.sample(sample2.x, sample2.y, active)
-            mirrored = 2 * dr.dot(si.wi, half) * half - si.wi
-            wo = dr.normalize(dr.select(by_cosine, spread, mirrored))
+            drawn = self.lobe.sample(si.wi, sample2, active)
+            wo = dr.select(by_cosine, spread, drawn)
             active = self.above(si, wo, active)
             bs.wo = wo
             bs.pdf = self.density(si, wo, active)

@@ -7,7 +7,7 @@ cd "$(dirname "$0")"
 target=${CARGO_TARGET_DIR:-$PWD/../python/target}
 venv=${VENV:-$target/venv}
 export VENV=$venv
-"$venv/bin/python" -c "import csbrdf" 2>/dev/null || ../python/run.sh -k "threads or errors"
+"$venv/bin/python" -c "from csbrdf import Importance" 2>/dev/null || ../python/run.sh -k "threads or errors"
 "$venv/bin/pip" install --quiet --disable-pip-version-check -r requirements.txt
 
 # Older ones end the process on some of Dr.Jit's instructions.

@@ -1,46 +1,52 @@
-//! NumPy arrays: directions in, values out.
+//! NumPy arrays: rows of numbers in, values out.
 
 use numpy::{Element, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyTuple};
 
-/// Directions of a caller: aligned, contiguous, in this machine's byte order.
-pub enum Directions<'py> {
+use crate::broadcast::Broadcast;
+
+/// Rows of N numbers of a caller: aligned, contiguous, in this machine's byte order.
+pub enum Vectors<'py, const N: usize> {
     /// As float32.
     Single(PyReadonlyArrayDyn<'py, f32>),
     /// As float64.
     Double(PyReadonlyArrayDyn<'py, f64>),
 }
 
-impl<'py> Directions<'py> {
-    /// What NumPy makes an array of numbers of, the last axis x, y, z: float32 as it is, all else as float64.
-    pub fn new(given: &Bound<'py, PyAny>, name: &str) -> PyResult<Directions<'py>> {
-        let directions = match Directions::as_they_are(given)? {
-            Some(directions) => directions,
-            None => Directions::converted(given)?,
+/// Directions: x, y, z.
+pub type Directions<'py> = Vectors<'py, 3>;
+
+impl<'py, const N: usize> Vectors<'py, N> {
+    /// What NumPy makes an array of numbers of, the last axis the N of a row: float32 as it is, all else as float64.
+    pub fn new(given: &Bound<'py, PyAny>, name: &str) -> PyResult<Vectors<'py, N>> {
+        let vectors = match Vectors::as_they_are(given)? {
+            Some(vectors) => vectors,
+            None => Vectors::converted(given)?,
         };
-        if directions.whole_shape().last() != Some(&3) {
-            let shape = shown(given.py(), directions.whole_shape())?;
-            return Err(PyValueError::new_err(format!("{name} has shape {shape}; its last axis must hold x, y, z")));
+        if vectors.whole_shape().last() != Some(&N) {
+            let shape = shown(given.py(), vectors.whole_shape())?;
+            let row = if N == 3 { "x, y, z".into() } else { format!("{N} numbers") };
+            return Err(PyValueError::new_err(format!("{name} has shape {shape}; its last axis must hold {row}")));
         }
-        Ok(directions)
+        Ok(vectors)
     }
 
     /// Arrays that need no conversion, without asking NumPy: calls for single pairs would wait for it.
-    fn as_they_are(given: &Bound<'py, PyAny>) -> PyResult<Option<Directions<'py>>> {
+    fn as_they_are(given: &Bound<'py, PyAny>) -> PyResult<Option<Vectors<'py, N>>> {
         if let Ok(array) = given.cast::<PyArrayDyn<f32>>() {
             let array = array.try_readonly()?;
-            return Ok(usable(&array).then(|| Directions::Single(array)));
+            return Ok(usable(&array).then(|| Vectors::Single(array)));
         }
         if let Ok(array) = given.cast::<PyArrayDyn<f64>>() {
             let array = array.try_readonly()?;
-            return Ok(usable(&array).then(|| Directions::Double(array)));
+            return Ok(usable(&array).then(|| Vectors::Double(array)));
         }
         Ok(None)
     }
 
-    fn converted(given: &Bound<'py, PyAny>) -> PyResult<Directions<'py>> {
+    fn converted(given: &Bound<'py, PyAny>) -> PyResult<Vectors<'py, N>> {
         let py = given.py();
         let numpy = py.import("numpy")?;
         let array = numpy.call_method1("asarray", (given,))?;
@@ -53,28 +59,28 @@ impl<'py> Directions<'py> {
         let array = array.call_method("astype", (if single { "f4" } else { "f8" },), Some(&options))?;
         let array = numpy.call_method1("require", (array, py.None(), ["C", "A"]))?;
         Ok(match single {
-            true => Directions::Single(array.cast::<PyArrayDyn<f32>>()?.try_readonly()?),
-            false => Directions::Double(array.cast::<PyArrayDyn<f64>>()?.try_readonly()?),
+            true => Vectors::Single(array.cast::<PyArrayDyn<f32>>()?.try_readonly()?),
+            false => Vectors::Double(array.cast::<PyArrayDyn<f64>>()?.try_readonly()?),
         })
     }
 
     fn whole_shape(&self) -> &[usize] {
         match self {
-            Directions::Single(array) => array.shape(),
-            Directions::Double(array) => array.shape(),
+            Vectors::Single(array) => array.shape(),
+            Vectors::Double(array) => array.shape(),
         }
     }
 
-    /// The shape without the axis of x, y, z.
+    /// The shape without the axis of a row's numbers.
     pub fn shape(&self) -> &[usize] {
         &self.whole_shape()[..self.whole_shape().len() - 1]
     }
 
-    /// The directions in order.
-    pub fn rows(&self) -> PyResult<Rows<'_>> {
+    /// The rows in order.
+    pub fn rows(&self) -> PyResult<Rows<'_, N>> {
         Ok(match self {
-            Directions::Single(array) => Rows::Single(array.as_slice()?.as_chunks().0),
-            Directions::Double(array) => Rows::Double(array.as_slice()?.as_chunks().0),
+            Vectors::Single(array) => Rows::Single(array.as_slice()?.as_chunks().0),
+            Vectors::Double(array) => Rows::Double(array.as_slice()?.as_chunks().0),
         })
     }
 }
@@ -84,22 +90,58 @@ fn usable<T: Element>(array: &PyReadonlyArrayDyn<'_, T>) -> bool {
     array.is_c_contiguous() && array.as_slice().is_ok()
 }
 
-/// Directions in order.
+/// Rows in order.
 #[derive(Clone, Copy)]
-pub enum Rows<'a> {
+pub enum Rows<'a, const N: usize> {
     /// As float32.
-    Single(&'a [[f32; 3]]),
+    Single(&'a [[f32; N]]),
     /// As float64.
-    Double(&'a [[f64; 3]]),
+    Double(&'a [[f64; N]]),
 }
 
-impl Rows<'_> {
-    /// One direction.
-    pub fn get(self, row: usize) -> [f64; 3] {
+impl<const N: usize> Rows<'_, N> {
+    /// One row.
+    pub fn get(self, row: usize) -> [f64; N] {
         match self {
             Rows::Single(rows) => rows[row].map(f64::from),
             Rows::Double(rows) => rows[row],
         }
+    }
+}
+
+/// Rows of two arrays that broadcast against each other.
+pub struct Pairs<'a, const N: usize, const M: usize> {
+    walk: Broadcast,
+    left: Rows<'a, N>,
+    right: Rows<'a, M>,
+}
+
+impl<'a, const N: usize, const M: usize> Pairs<'a, N, M> {
+    /// Pairs of the rows of two arrays of these names.
+    pub fn new(
+        py: Python<'_>,
+        names: [&str; 2],
+        left: &'a Vectors<'_, N>,
+        right: &'a Vectors<'_, M>,
+    ) -> PyResult<Pairs<'a, N, M>> {
+        let Some(walk) = Broadcast::new([left.shape(), right.shape()]) else {
+            let ([a, b], left, right) = (names, shown(py, left.shape())?, shown(py, right.shape())?);
+            return Err(PyValueError::new_err(format!(
+                "{a} and {b} do not broadcast against each other: {left} and {right} before the last axis"
+            )));
+        };
+        Ok(Pairs { walk, left: left.rows()?, right: right.rows()? })
+    }
+
+    /// The common shape.
+    pub fn shape(&self) -> &[usize] {
+        self.walk.shape()
+    }
+
+    /// The next so many pairs, copied while the GIL keeps others from changing them.
+    pub fn copy(&mut self, count: usize) -> (Vec<[f64; N]>, Vec<[f64; M]>) {
+        let (left, right) = (self.left, self.right);
+        self.walk.by_ref().take(count).map(|[i, o]| (left.get(i), right.get(o))).unzip()
     }
 }
 

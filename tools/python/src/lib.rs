@@ -4,6 +4,7 @@ mod arrays;
 mod boundary;
 mod broadcast;
 mod grid;
+mod importance;
 mod many;
 
 use std::path::PathBuf;
@@ -21,10 +22,10 @@ use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 use pyo3::types::{PySlice, PyTuple};
 
-use arrays::{Directions, array, shown, zeros};
+use arrays::{Directions, Pairs, array, zeros};
 use boundary::{Error, detached, exception, on_threads};
-use broadcast::Broadcast;
 use grid::{PyAxis, PyChannel};
+use importance::PyImportance;
 use many::eval_many;
 
 /// Bytes of decoded blocks that a file keeps unless told otherwise.
@@ -111,6 +112,13 @@ impl PyBrdf {
         match &self.0 {
             Contents::Brdf(brdf) => brdf.reader(),
             Contents::Table(reader, _) => reader,
+        }
+    }
+
+    fn directional(&self) -> PyResult<&Brdf<Bytes>> {
+        match &self.0 {
+            Contents::Brdf(brdf) => Ok(brdf),
+            Contents::Table(_, why) => Err(Error::new_err(why.clone())),
         }
     }
 
@@ -305,31 +313,31 @@ impl PyBrdf {
         wi: &Bound<'py, PyAny>,
         wo: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-        let brdf = match &self.0 {
-            Contents::Brdf(brdf) => brdf,
-            Contents::Table(_, why) => return Err(Error::new_err(why.clone())),
-        };
+        let brdf = self.directional()?;
         let (wi, wo) = (Directions::new(wi, "wi")?, Directions::new(wo, "wo")?);
-        let Some(mut walk) = Broadcast::new([wi.shape(), wo.shape()]) else {
-            let (wi, wo) = (shown(py, wi.shape())?, shown(py, wo.shape())?);
-            return Err(PyValueError::new_err(format!(
-                "wi and wo do not broadcast against each other: {wi} and {wo} before the last axis"
-            )));
-        };
+        let mut pairs = Pairs::new(py, ["wi", "wo"], &wi, &wo)?;
         let channels = self.channel_count();
-        let values = zeros::<f32>(py, &[walk.shape(), &[channels]].concat(), "f4")?;
+        let values = zeros::<f32>(py, &[pairs.shape(), &[channels]].concat(), "f4")?;
         {
-            let (wi, wo) = (wi.rows()?, wo.rows()?);
             let mut values = values.try_readwrite()?;
             for values in values.as_slice_mut()?.chunks_mut(channels * BATCH.min(BATCH_VALUES / channels)) {
-                // Copied while the GIL keeps others from changing them.
-                let pairs = walk.by_ref().take(values.len() / channels).map(|[i, o]| (wi.get(i), wo.get(o)));
-                let (wi, wo): (Vec<_>, Vec<_>) = pairs.unzip();
+                let (wi, wo) = pairs.copy(values.len() / channels);
                 detached(py, || eval_many(brdf, &wi, &wo, values))?;
                 py.check_signals()?;
             }
         }
         Ok(values)
+    }
+
+    /// What draws directions for this file: a csbrdf.Importance, made anew by every call. Decodes the file once, block
+    /// after block, and keeps none of it; keep the object and use it for all draws.
+    ///
+    /// Blocks that were pruned from the file, unless it was opened with pruned="coarse", get few draws.
+    ///
+    /// Raises csbrdf.Error if a block is damaged or the axes of the file do not say how directions map to the grid.
+    fn importance(&self, py: Python<'_>) -> PyResult<PyImportance> {
+        let brdf = self.directional()?;
+        detached(py, || Ok(PyImportance(brdf.importance()?)))
     }
 
     /// Checks every byte: all sections' checksums, and that each block decodes. Returns what is damaged, a text each; an
@@ -357,5 +365,6 @@ fn _csbrdf(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PyBrdf>()?;
     module.add_class::<PyAxis>()?;
     module.add_class::<PyChannel>()?;
+    module.add_class::<PyImportance>()?;
     module.add_function(wrap_pyfunction!(open, module)?)
 }
