@@ -64,6 +64,7 @@ row() {
 }
 
 [ -d "$root" ] || fetch >&2
+rm -rf target/cross
 mkdir -p target/cross
 bad=0
 echo "| machine | byte order | rustc | tests passed | failed | lines of checksums: their SHA-256 |"
