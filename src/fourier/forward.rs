@@ -81,7 +81,10 @@ impl<T: Real> Axis<T> {
     ) {
         let inner = self.inner;
         match &mut self.kind {
-            Kind::Dense(axis) => level.run(Along { axis, inner, block, scratch, forward }),
+            Kind::Dense(axis) if forward => {
+                level.run(Along::<T, WIDE, NARROW, true> { axis, inner, block, scratch });
+            }
+            Kind::Dense(axis) => level.run(Along::<T, WIDE, NARROW, false> { axis, inner, block, scratch }),
             Kind::Long(axis) => axis.along(inner, block, forward),
         }
     }

@@ -31,25 +31,23 @@ impl<T: Real, const WIDE: usize, const NARROW: usize> Scratch<T, WIDE, NARROW> {
     }
 }
 
-/// The transform of a block along one axis, in place.
-pub(super) struct Along<'a, T, const WIDE: usize, const NARROW: usize> {
+/// The transform of a block along one axis, in place, analysis or synthesis: two functions, since the compiler's time grows faster than
+/// what it inlines into one.
+pub(super) struct Along<'a, T, const WIDE: usize, const NARROW: usize, const FORWARD: bool> {
     pub(super) axis: &'a Dense<T>,
     /// Number of values from one entry of the axis to the next.
     pub(super) inner: usize,
     pub(super) block: &'a mut [T],
     pub(super) scratch: &'a mut Scratch<T, WIDE, NARROW>,
-    pub(super) forward: bool,
 }
 
-impl<T: Real, const WIDE: usize, const NARROW: usize> Task for Along<'_, T, WIDE, NARROW> {
+impl<T: Real, const WIDE: usize, const NARROW: usize, const FORWARD: bool> Task
+    for Along<'_, T, WIDE, NARROW, FORWARD>
+{
     #[inline(always)]
     fn run<const FUSED: bool>(self) {
-        let Along { axis, inner, block, scratch, forward } = self;
-        if forward {
-            along::<T, WIDE, NARROW, FUSED, true>(axis, inner, block, scratch);
-        } else {
-            along::<T, WIDE, NARROW, FUSED, false>(axis, inner, block, scratch);
-        }
+        let Along { axis, inner, block, scratch } = self;
+        along::<T, WIDE, NARROW, FUSED, FORWARD>(axis, inner, block, scratch);
     }
 }
 
