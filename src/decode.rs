@@ -242,9 +242,7 @@ impl Header {
         means: &[i32],
         scratch: &mut Scratch,
     ) -> Result<(), &'static str> {
-        let mut decoder = Decoder::new(&self.probabilities, record.coded);
-        self.decode_record(block, record.class, &mut decoder, scratch)?;
-        self.synthesize(block, means, scratch)?;
+        let mut decoder = self.components(block, record, means, scratch)?;
         self.to_channels(&mut scratch.log);
         if let Some(step) = self.coding.correction.filter(|_| !record.class.is_mean_only()) {
             let Scratch { masks, zeros, log, corrections, .. } = scratch;
@@ -263,18 +261,18 @@ impl Header {
         Ok(())
     }
 
-    /// As [`Header::rebuild`], of a file without corrections, but components of log values, and exact zeros on the side.
-    fn rebuild_components(
+    /// Components of log values in `scratch.log`, exact zeros on the side; the decoder stands before the corrections.
+    fn components<'a>(
         &self,
         block: &Block,
-        record: &Record,
+        record: &Record<'a>,
         means: &[i32],
         scratch: &mut Scratch,
-    ) -> Result<(), &'static str> {
+    ) -> Result<Decoder<'a>, &'static str> {
         let mut decoder = Decoder::new(&self.probabilities, record.coded);
         self.decode_record(block, record.class, &mut decoder, scratch)?;
-        decoder.check_end()?;
-        self.synthesize(block, means, scratch)
+        self.synthesize(block, means, scratch)?;
+        Ok(decoder)
     }
 
     /// Components of log values in `scratch.log`, from the coefficients and extents in the scratch.
@@ -826,7 +824,8 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
             let record = self.record_to_decode(block)?;
             self.check_profile()?;
             self.header
-                .rebuild_components(&place, &record, self.index.means(block), scratch)
+                .components(&place, &record, self.index.means(block), scratch)
+                .and_then(|decoder| decoder.check_end())
                 .map_err(|what| self.bad_record(block, what))?;
             self.header.values_in_rows(scratch, rows);
             Ok(())

@@ -328,8 +328,9 @@ impl<D: AsRef<[u8]>> Brdf<D> {
         let sparse = self.with_scratch(|scratch| self.reader.sparse_block(block, scratch))?.map(Arc::new);
         let bytes = sparse.as_ref().map_or(0, |sparse| sparse.bytes());
         if self.sparse_bytes.fetch_add(bytes, Ordering::Relaxed) + bytes > self.sparse_most {
+            // Coefficients that are not kept would be decoded again for every look-up, and the block never rebuilt.
             self.sparse_bytes.fetch_sub(bytes, Ordering::Relaxed);
-            return Ok(sparse);
+            return Ok(None);
         }
         let before = slot.swap(sparse.clone());
         self.sparse_bytes.fetch_sub(before.map_or(0, |before| before.bytes()), Ordering::Relaxed);

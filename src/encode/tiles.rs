@@ -5,8 +5,6 @@
 //! of 18 x 18 x 180: alum-bronze 29 -> 26 -> 20; chrome-steel 34 -> 31 -> 24; RGL golden yellow 52 -> 48 -> 48; paper
 //! white 14 -> 13 -> 13.5. So both tilings are tried.
 
-use std::ops::Range;
-
 use rayon::prelude::*;
 
 use super::dense::Dense;
@@ -83,16 +81,16 @@ impl Tiles {
         (0..self.tiles.len()).filter(|&i| (0..4).all(|a| holds(a, &self.tiles[i]))).collect()
     }
 
-    /// Prices each tile in those of its `shapes` that were not tried.
+    /// Prices tiles in the shapes that are `wanted`, by tile and shape, and were not tried.
     fn price(
         &mut self,
-        shapes: &dyn Fn(usize) -> Range<usize>,
+        wanted: &dyn Fn(usize, usize) -> bool,
         costs: &Costs,
         price: impl Fn(&mut Walk, &mut Costs, &[Block]) -> Result<f64> + Sync,
     ) -> Result<()> {
-        let wanted = |t: usize| shapes(t).start..shapes(t).end.min(self.shapes.len());
-        let pairs = (0..self.tiles.len()).flat_map(|t| wanted(t).map(move |s| (t, s)));
-        let pairs: Vec<(usize, usize)> = pairs.filter(|&(t, s)| self.prices[t][s].is_infinite()).collect();
+        let pairs = (0..self.tiles.len()).flat_map(|t| (0..self.shapes.len()).map(move |s| (t, s)));
+        let pairs: Vec<(usize, usize)> =
+            pairs.filter(|&(t, s)| wanted(t, s) && self.prices[t][s].is_infinite()).collect();
         let prices: Vec<f64> = pairs
             .par_iter()
             .with_max_len(1)
@@ -164,12 +162,12 @@ impl Encoder {
         let whole_narrow = narrow_shapes.iter().position(|shape| *shape == narrow_tile).unwrap_or(0);
         let mut narrow = Tiles::new(cut(&whole, narrow_tile), narrow_shapes);
         let held: Vec<Vec<usize>> = wide.tiles.iter().map(|tile| narrow.inside(tile)).collect();
-        let price = |tiles: &mut Tiles, shapes: &dyn Fn(usize) -> Range<usize>| {
-            tiles.price(shapes, &costs, |walk, costs, blocks| self.price(dense, transform, walk, costs, blocks))
+        let price = |tiles: &mut Tiles, wanted: &dyn Fn(usize, usize) -> bool| {
+            tiles.price(wanted, &costs, |walk, costs, blocks| self.price(dense, transform, walk, costs, blocks))
         };
         // A wide tile uncut, and its narrow ones uncut: where one is far from the other, so are the shapes that go with it.
-        price(&mut narrow, &|_| whole_narrow..whole_narrow + 1)?;
-        price(&mut wide, &|_| 0..1)?;
+        price(&mut narrow, &|_, s| s == whole_narrow)?;
+        price(&mut wide, &|_, s| s == 0)?;
         progress(0.35);
         let margin = self.effort.tile_margin();
         let ratios: Vec<f64> = held
@@ -182,9 +180,9 @@ impl Encoder {
             .collect();
         let mut holder = vec![0; narrow.tiles.len()];
         held.iter().enumerate().for_each(|(t, held)| held.iter().for_each(|&i| holder[i] = t));
-        price(&mut narrow, &|i| 0..if ratios[holder[i]] * margin > 1.0 { usize::MAX } else { 0 })?;
+        price(&mut narrow, &|i, _| ratios[holder[i]] * margin > 1.0)?;
         progress(0.7);
-        price(&mut wide, &|t| 0..if ratios[t] < margin { usize::MAX } else { 0 })?;
+        price(&mut wide, &|t, _| ratios[t] < margin)?;
         progress(1.0);
         let cheapest = |prices: &[f64]| {
             let best = (0..prices.len()).min_by(|&a, &b| prices[a].total_cmp(&prices[b])).unwrap_or(0);
