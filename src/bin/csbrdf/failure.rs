@@ -1,7 +1,7 @@
 //! Failures of the tool: one line on standard error and an exit code.
 
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::input::label;
 use crate::text::clean;
@@ -22,6 +22,22 @@ pub struct Failure {
 
 /// What a command returns.
 pub type Outcome = Result<(), Failure>;
+
+/// Runs `work` on each file and its number. A failure is reported and does not stop the others; the first is the result.
+pub fn each(files: &[PathBuf], mut work: impl FnMut(usize, &Path) -> Outcome) -> Outcome {
+    let mut first_failure = None;
+    for (i, file) in files.iter().enumerate() {
+        match work(i, file) {
+            Err(failure) if failure.is_quiet() => return Err(failure),
+            Err(failure) => {
+                failure.report();
+                first_failure.get_or_insert(failure.reported());
+            }
+            Ok(()) => {}
+        }
+    }
+    first_failure.map_or(Ok(()), Err)
+}
 
 impl Failure {
     fn new(code: u8, message: String) -> Failure {

@@ -11,7 +11,7 @@ use csbrdf::format::record::ValidityClass;
 use csbrdf::grid::Mapping;
 
 use crate::args::InfoArgs;
-use crate::failure::{Failure, Outcome};
+use crate::failure::{Failure, Outcome, each};
 use crate::input;
 use crate::output::print;
 use crate::sets::manifest::Manifest;
@@ -20,9 +20,8 @@ use crate::text::{clean, error_figure, grouped, percent};
 use contents::{Contents, ORIGINS};
 
 pub fn run(args: &InfoArgs) -> Outcome {
-    let mut first_failure = None;
-    for (i, file) in args.files.iter().enumerate() {
-        let result = input::read(file).and_then(|data| {
+    each(&args.files, |i, file| {
+        input::read(file).and_then(|data| {
             if Manifest::is_likely(data.as_ref()) {
                 return table::print(file, data.as_ref(), args, i > 0);
             }
@@ -42,17 +41,8 @@ pub fn run(args: &InfoArgs) -> Outcome {
                 0 => Ok(()),
                 n => Err(Failure::bad_input(file, format!("{n} of its parts are damaged; fetch the file again"))),
             }
-        });
-        match result {
-            Err(failure) if failure.is_quiet() => return Err(failure),
-            Err(failure) => {
-                failure.report();
-                first_failure.get_or_insert(failure.reported());
-            }
-            Ok(()) => {}
-        }
-    }
-    first_failure.map_or(Ok(()), Err)
+        })
+    })
 }
 
 fn report(contents: &Contents) -> String {

@@ -11,15 +11,14 @@ use csbrdf::table::merl::read_merl;
 use serde_json::{Value, json};
 
 use crate::args::LintArgs;
-use crate::failure::{Failure, Outcome};
+use crate::failure::{Failure, Outcome, each};
 use crate::input::{self, label};
 use crate::output::print;
 use crate::text::{clean, error_figure, grouped, percent};
 
 pub fn run(args: &LintArgs) -> Outcome {
-    let mut first_failure = None;
-    for (i, file) in args.files.iter().enumerate() {
-        let result = look(file).and_then(|findings| {
+    each(&args.files, |i, file| {
+        look(file).and_then(|findings| {
             let warnings = findings.warnings();
             let between = if i > 0 && !args.json { "\n" } else { "" };
             print(&match args.json {
@@ -33,17 +32,8 @@ pub fn run(args: &LintArgs) -> Outcome {
                 }
                 _ => Ok(()),
             }
-        });
-        match result {
-            Err(failure) if failure.is_quiet() => return Err(failure),
-            Err(failure) => {
-                failure.report();
-                first_failure.get_or_insert(failure.reported());
-            }
-            Ok(()) => {}
-        }
-    }
-    first_failure.map_or(Ok(()), Err)
+        })
+    })
 }
 
 fn look(file: &Path) -> Result<Findings, Failure> {
