@@ -1,6 +1,7 @@
 //! The source's bits, from files that keep them (spec section 4.12).
 
-use super::{Reader, Scratch, copy_rows, for_each_block};
+use super::table::{copy_rows, for_each_block};
+use super::{Reader, Scratch};
 use crate::block::Block;
 use crate::error::{Error, Result};
 use crate::format::directory;

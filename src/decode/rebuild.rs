@@ -1,0 +1,398 @@
+//! What decoding needs of a file beside a block's record, and how a record becomes values (spec section 5).
+
+use std::borrow::Cow;
+use std::sync::OnceLock;
+
+use super::table::copy_rows;
+use crate::block::{Block, Partition};
+use crate::channel::ChannelTransform;
+use crate::correct::{self, Decoded, correct};
+use crate::dependent::Quantization;
+use crate::entropy::{self, Walk};
+use crate::error::Result;
+use crate::format::header::Coding;
+use crate::format::profile::CodedProfile;
+use crate::format::record::{Record, ValidityClass};
+use crate::fourier::{AxisTable, Basis, Extents, Synthesis};
+use crate::grid::Grid;
+use crate::horizon::Horizon;
+use crate::mask::{self, MaskModel};
+use crate::profile::Profile;
+use crate::quantize::{Quantizer, dequantize_mean};
+use crate::range::Decoder;
+use crate::simd::{Level, Task};
+use crate::tone::inverse_tone_map;
+use crate::zeros::{self, code_zeros};
+
+/// First contexts of the range coder for coefficients (from 0), masks, zeros, corrections.
+pub(crate) const MASKS: usize = entropy::CONTEXTS;
+pub(crate) const ZEROS: usize = MASKS + mask::CONTEXTS;
+pub(crate) const CORRECTIONS: usize = ZEROS + zeros::CONTEXTS;
+/// Number of contexts of the range coder where all multiples of the step are allowed; drafts 1 and 2 end before the zeros.
+const SCALAR_CONTEXTS: usize = CORRECTIONS + correct::CONTEXTS;
+/// Number of contexts of the range coder with dependent quantisation.
+pub(crate) const CONTEXTS: usize = entropy::SIGNIFICANT_ODD + entropy::ODD_CONTEXTS;
+const _: () = assert!(entropy::SIGNIFICANT_ODD == SCALAR_CONTEXTS);
+
+/// Number of contexts of a file's range coder.
+pub(crate) fn contexts(quantization: Quantization) -> usize {
+    match quantization {
+        Quantization::Scalar => SCALAR_CONTEXTS,
+        Quantization::Dependent => CONTEXTS,
+    }
+}
+
+/// What decoding needs besides a block's record; the encoder decodes with it before there is a file.
+pub(crate) struct Header {
+    pub(crate) grid: Grid,
+    pub(crate) coding: Coding,
+    pub(crate) partition: Partition,
+    pub(crate) probabilities: Vec<u16>,
+    pub(super) synthesis: Synthesis,
+    pub(super) level: Level,
+    horizon: OnceLock<Option<Horizon>>,
+    mask: OnceLock<MaskModel>,
+    pub(super) coded_profile: Option<CodedProfile>,
+    profile: OnceLock<Result<Profile, &'static str>>,
+}
+
+/// Buffers of a decode, for callers that rebuild many blocks on a thread.
+#[derive(Debug, Default)]
+pub struct Scratch {
+    pub(crate) coefficients: Vec<i32>,
+    pub(crate) extents: Vec<Extents>,
+    walk: Walk,
+    class: ValidityClass,
+    /// Empty where the class says enough and the values do not depend on them.
+    pub(crate) masks: Vec<bool>,
+    /// Exact zeros, `[channel][position]`; empty where the file tells none.
+    pub(crate) zeros: Vec<bool>,
+    /// Log values, `[channel][position]`.
+    pub(crate) log: Vec<f32>,
+    lines: Vec<f32>,
+    corrections: Vec<i32>,
+    correct: correct::Walk,
+}
+
+impl Scratch {
+    /// Exact zeros in the log values: exp of what they get is zero, and so is the value.
+    fn hide_zeros(&mut self) {
+        for (log, zero) in self.log.iter_mut().zip(&self.zeros) {
+            *log = if *zero { f32::NEG_INFINITY } else { *log };
+        }
+    }
+}
+
+impl Header {
+    pub(crate) fn new(grid: Grid, coding: Coding, partition: Partition, probabilities: Vec<u16>) -> Header {
+        let synthesis = Synthesis::new(coding.basis, &partition.axis_lengths());
+        Header {
+            grid,
+            coding,
+            partition,
+            probabilities,
+            synthesis,
+            level: Level::detect(),
+            horizon: OnceLock::new(),
+            mask: OnceLock::new(),
+            coded_profile: None,
+            profile: OnceLock::new(),
+        }
+    }
+
+    /// The same with a grazing profile.
+    pub(crate) fn with_profile(self, coded_profile: Option<CodedProfile>) -> Header {
+        Header { coded_profile, ..self }
+    }
+
+    /// The grazing profile, decoded at first use: opening does not wait for it.
+    pub(super) fn profile(&self) -> Result<Option<&Profile>, &'static str> {
+        let Some(coded) = &self.coded_profile else { return Ok(None) };
+        self.profile.get_or_init(|| coded.decode(&self.grid)).as_ref().map(Some).map_err(|what| *what)
+    }
+
+    pub(crate) fn mask_model(&self) -> &MaskModel {
+        self.mask.get_or_init(|| MaskModel::new(self.horizon().cloned(), self.coding.horizon))
+    }
+
+    pub(super) fn horizon(&self) -> Option<&Horizon> {
+        self.horizon.get_or_init(|| Horizon::new(&self.grid)).as_ref()
+    }
+
+    /// Decodes a record's masks and coefficients into the scratch. Masks: `[channel][position]` or one for all.
+    pub(crate) fn decode_record(
+        &self,
+        block: &Block,
+        class: ValidityClass,
+        decoder: &mut Decoder,
+        scratch: &mut Scratch,
+    ) -> Result<(), &'static str> {
+        let n = block.positions();
+        let channels = self.grid.channels().len();
+        scratch.class = class;
+        scratch.masks.clear();
+        // What is only predicted is left until someone asks.
+        if class != ValidityClass::Horizon || self.coding.zeros || self.coding.correction.is_some() {
+            self.decode_masks(block, class, decoder, &mut scratch.masks);
+        }
+        scratch.coefficients.resize(channels * n, 0);
+        if class.is_mean_only() {
+            scratch.extents.clear();
+            scratch.extents.resize(channels, [0; 4]);
+            scratch.zeros.clear();
+            return Ok(());
+        }
+        scratch.zeros.clear();
+        if self.coding.zeros {
+            scratch.zeros.resize(channels * n, false);
+            code_zeros(decoder, ZEROS, block.shape, &scratch.masks, &mut scratch.zeros);
+        }
+        scratch
+            .walk
+            .code(decoder, self.coding.quantization, block.shape, &mut scratch.coefficients, &mut scratch.extents)
+            .map_err(|_| "an extent or a coefficient is out of range")
+    }
+
+    pub(super) fn decode_masks(
+        &self,
+        block: &Block,
+        class: ValidityClass,
+        decoder: &mut Decoder,
+        masks: &mut Vec<bool>,
+    ) {
+        let n = block.positions();
+        masks.clear();
+        match class {
+            ValidityClass::All => masks.resize(n, true),
+            ValidityClass::None | ValidityClass::Pruned => masks.resize(n, false),
+            ValidityClass::Horizon => masks.extend(self.mask_model().predict(block)),
+            ValidityClass::Mask | ValidityClass::MaskPerChannel => {
+                let per_channel = class == ValidityClass::MaskPerChannel;
+                masks.resize(if per_channel { n * self.grid.channels().len() } else { n }, false);
+                self.mask_model().code(decoder, MASKS, block, masks);
+            }
+        }
+    }
+
+    /// Rebuilds a block's log values in `scratch.log`, `[channel][position]`; gives the masks on the side.
+    pub(crate) fn rebuild(
+        &self,
+        block: &Block,
+        record: &Record,
+        means: &[i32],
+        scratch: &mut Scratch,
+    ) -> Result<(), &'static str> {
+        let mut decoder = self.components(block, record, means, scratch)?;
+        self.to_channels(&mut scratch.log);
+        if let Some(step) = self.coding.correction.filter(|_| !record.class.is_mean_only()) {
+            let Scratch { masks, zeros, log, corrections, .. } = scratch;
+            corrections.clear();
+            corrections.resize(log.len(), 0);
+            let correctable = without_zeros(masks, zeros);
+            let decoded = Decoded { shape: block.shape, masks: &correctable, log, step };
+            scratch
+                .correct
+                .code(&mut decoder, CORRECTIONS, decoded, corrections)
+                .map_err(|_| "a correction is out of range")?;
+            correct(log, corrections, step);
+        }
+        decoder.check_end()?;
+        scratch.hide_zeros();
+        Ok(())
+    }
+
+    /// Components of log values in `scratch.log`, exact zeros on the side; the decoder stands before the corrections.
+    pub(super) fn components<'a>(
+        &self,
+        block: &Block,
+        record: &Record<'a>,
+        means: &[i32],
+        scratch: &mut Scratch,
+    ) -> Result<Decoder<'a>, &'static str> {
+        let mut decoder = Decoder::new(&self.probabilities, record.coded);
+        self.decode_record(block, record.class, &mut decoder, scratch)?;
+        self.synthesize(block, means, scratch)?;
+        Ok(decoder)
+    }
+
+    /// Components of log values in `scratch.log`, from the coefficients and extents in the scratch.
+    pub(super) fn synthesize(&self, block: &Block, means: &[i32], scratch: &mut Scratch) -> Result<(), &'static str> {
+        let n = block.positions();
+        scratch.log.resize(scratch.coefficients.len(), 0.0);
+        for (component, values) in scratch.log.chunks_exact_mut(n).enumerate() {
+            if self.coding.basis == Basis::Dft {
+                values.fill(0.0);
+            }
+            let coefficients = &scratch.coefficients[component * n..(component + 1) * n];
+            let extents = scratch.extents[component].map(|e| e.max(1));
+            self.dequantize(component, block.shape, extents, coefficients, means[component], values);
+            self.synthesis.synthesize(self.level, block.shape, extents, values, &mut scratch.lines);
+        }
+        self.add_profile(block, &mut scratch.log)
+    }
+
+    /// The coefficients of a component below the extents, at least 1; what is beyond stays as it is.
+    pub(super) fn dequantize(
+        &self,
+        component: usize,
+        shape: [usize; 4],
+        extents: Extents,
+        coefficients: &[i32],
+        mean: i32,
+        values: &mut [f32],
+    ) {
+        let step = self.coding.steps[component];
+        let quantizer = Quantizer { step, shrink: self.coding.shrink.map(|s| f32::from(s) / 256.0) };
+        dequantize_within(shape, extents, coefficients, quantizer, values);
+        values[0] = dequantize_mean(step, mean);
+    }
+
+    /// Adds the profile, if the file has one, to the components of a block.
+    pub(super) fn add_profile(&self, block: &Block, values: &mut [f32]) -> Result<(), &'static str> {
+        if let Some(profile) = self.profile()? {
+            profile.add(self.level, block, values);
+        }
+        Ok(())
+    }
+
+    /// Components to log values of channels, `[channel][position]`.
+    pub(super) fn to_channels(&self, values: &mut [f32]) {
+        let (transform, channels) = (&self.coding.transform, self.grid.channels().len());
+        self.level.run(ToChannels { transform, channels, values });
+    }
+
+    /// BRDF values in the rows of a block, `[channel][row]`, from the components in the scratch.
+    pub(super) fn values_in_rows(&self, scratch: &mut Scratch, mut rows: Vec<&mut [f32]>) {
+        let eps = self.coding.eps as f32;
+        if let (ChannelTransform::Matrix(matrix), 3, []) =
+            (&self.coding.transform, self.grid.channels().len(), &scratch.zeros[..])
+        {
+            self.level.run(OpponentRows { matrix, eps, components: &scratch.log, rows: &mut rows });
+            return;
+        }
+        self.to_channels(&mut scratch.log);
+        scratch.hide_zeros();
+        copy_rows(rows, self.values(scratch));
+    }
+
+    pub(super) fn axes(&self, shape: [usize; 4]) -> [&AxisTable; 4] {
+        shape.map(|n| self.synthesis.axis(n))
+    }
+
+    /// BRDF values in place of the log values in the scratch.
+    pub(super) fn values<'a>(&self, scratch: &'a mut Scratch) -> &'a [f32] {
+        self.level.run(InverseToneMap { eps: self.coding.eps as f32, values: &mut scratch.log });
+        &scratch.log
+    }
+
+    /// What [`Header::rebuild`] gives before corrections and zeros, of coefficients and extents that are not coded yet.
+    #[cfg(feature = "encode")]
+    pub(crate) fn rebuild_uncoded(
+        &self,
+        block: &Block,
+        coefficients: &[i32],
+        extents: &[Extents],
+        means: &[i32],
+        scratch: &mut Scratch,
+    ) -> Result<(), &'static str> {
+        scratch.coefficients.clear();
+        scratch.coefficients.extend_from_slice(coefficients);
+        scratch.extents.clear();
+        scratch.extents.extend_from_slice(extents);
+        self.synthesize(block, means, scratch)?;
+        self.to_channels(&mut scratch.log);
+        Ok(())
+    }
+
+    /// Masks of all channels of the block that was decoded last, `[channel][position]`.
+    pub(crate) fn masks_of(&self, block: &Block, scratch: &Scratch) -> Vec<bool> {
+        let channels = self.grid.channels().len();
+        match scratch.class {
+            ValidityClass::Horizon => self.mask_model().predict(block).repeat(channels),
+            ValidityClass::MaskPerChannel => scratch.masks.clone(),
+            _ => scratch.masks.repeat(channels),
+        }
+    }
+}
+
+struct ToChannels<'a> {
+    transform: &'a ChannelTransform,
+    channels: usize,
+    values: &'a mut [f32],
+}
+
+impl Task for ToChannels<'_> {
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        self.transform.inverse(self.values, self.channels);
+    }
+}
+
+/// Three components to values in the rows of a block, in one pass: the sums of [`ChannelTransform::inverse`].
+struct OpponentRows<'a, 'b> {
+    /// Of three channels.
+    matrix: &'a [f32],
+    eps: f32,
+    components: &'a [f32],
+    /// `[channel][row]`.
+    rows: &'a mut [&'b mut [f32]],
+}
+
+impl Task for OpponentRows<'_, '_> {
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        let OpponentRows { matrix, eps, components, rows } = self;
+        let m: [f32; 9] = std::array::from_fn(|i| matrix[i]);
+        let (first, rest) = components.split_at(components.len() / 3);
+        let (second, third) = rest.split_at(first.len());
+        let (red, rest) = rows.split_at_mut(rows.len() / 3);
+        let (green, blue) = rest.split_at_mut(red.len());
+        let mut at = 0;
+        for ((red, green), blue) in red.iter_mut().zip(green).zip(blue) {
+            let place = at..at + red.len();
+            at = place.end;
+            let from = first[place.clone()].iter().zip(&second[place.clone()]).zip(&third[place]);
+            let to = red.iter_mut().zip(green.iter_mut()).zip(blue.iter_mut());
+            for (((r, g), b), ((x, y), z)) in to.zip(from) {
+                *r = inverse_tone_map((x * m[0] + y * m[3]) + z * m[6], eps);
+                *g = inverse_tone_map((x * m[1] + y * m[4]) + z * m[7], eps);
+                *b = inverse_tone_map((x * m[2] + y * m[5]) + z * m[8], eps);
+            }
+        }
+    }
+}
+
+struct InverseToneMap<'a> {
+    eps: f32,
+    values: &'a mut [f32],
+}
+
+impl Task for InverseToneMap<'_> {
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        self.values.iter_mut().for_each(|value| *value = inverse_tone_map(*value, self.eps));
+    }
+}
+
+/// Validity less exact zeros, which take no correction.
+pub(crate) fn without_zeros<'a>(masks: &'a [bool], zeros: &[bool]) -> Cow<'a, [bool]> {
+    if !zeros.contains(&true) {
+        return masks.into();
+    }
+    zeros.iter().enumerate().map(|(i, zero)| masks[i % masks.len()] && !zero).collect::<Vec<_>>().into()
+}
+
+/// Dequantises the coefficients below the extents; the others stay zero.
+fn dequantize_within(shape: [usize; 4], extents: Extents, from: &[i32], quantizer: Quantizer, to: &mut [f32]) {
+    let [_, n1, n2, n3] = shape;
+    for i in 0..extents[0] {
+        for j in 0..extents[1] {
+            for k in 0..extents[2] {
+                let row = ((i * n1 + j) * n2 + k) * n3;
+                for (value, &q) in to[row..row + extents[3]].iter_mut().zip(&from[row..]) {
+                    *value = quantizer.dequantize(q);
+                }
+            }
+        }
+    }
+}

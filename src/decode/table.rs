@@ -1,0 +1,156 @@
+//! The whole table, and every byte of a file.
+
+use super::{Reader, Scratch};
+use crate::error::{Error, Result};
+#[cfg(feature = "metadata")]
+use crate::format::directory;
+use crate::table::BrdfTable;
+use crate::tone::inverse_tone_map_f64;
+
+impl<D: AsRef<[u8]> + Sync> Reader<D> {
+    /// The whole table: BRDF values in 1/sr, one plane per channel, last axis fastest. Missing entries hold what
+    /// the recovery filled in.
+    ///
+    /// # Errors
+    /// `Corrupt` if a record is damaged, `LimitExceeded` if the table is above the caller's limit.
+    pub fn decode_all(&self) -> Result<Vec<f32>> {
+        let mut values = vec![0f32; self.check_table_size()?];
+        self.decode_all_into(&mut values)?;
+        Ok(values)
+    }
+
+    /// As [`Reader::decode_all`], into the caller's memory: positions times channels values.
+    ///
+    /// # Errors
+    /// As [`Reader::decode_all`], with some of `values` written; `InvalidArgument` if its length is another.
+    pub fn decode_all_into(&self, values: &mut [f32]) -> Result<()> {
+        let expected = self.check_table_size()?;
+        if values.len() != expected {
+            return Err(Error::InvalidArgument(format!("the table has {expected} values, not {}", values.len())));
+        }
+        for_each_block(self.partition().rows_by_block(values), |scratch, block, rows| {
+            if self.coding().correction.is_some() {
+                self.decode_log(block, scratch)?;
+                copy_rows(rows, self.header.values(scratch));
+                return Ok(());
+            }
+            let place = self.place(block)?;
+            let record = self.record_to_decode(block)?;
+            self.check_profile()?;
+            self.header
+                .components(&place, &record, self.index.means(block), scratch)
+                .and_then(|decoder| decoder.check_end())
+                .map_err(|what| self.bad_record(block, what))?;
+            self.header.values_in_rows(scratch, rows);
+            Ok(())
+        })
+    }
+
+    /// The whole table in double precision and the source's units, with the validity of its entries.
+    ///
+    /// # Errors
+    /// As [`Reader::decode_all`].
+    pub fn decode_table(&self) -> Result<BrdfTable> {
+        let size = self.check_table_size()?;
+        let mut values = vec![0f64; size];
+        let mut valid = vec![false; size];
+        let eps = self.header.coding.eps;
+        let partition = self.partition();
+        let blocks = partition.rows_by_block(&mut values).into_iter().zip(partition.rows_by_block(&mut valid));
+        for_each_block(blocks.collect(), |scratch, block, (values, valid)| {
+            let place = self.decode_log(block, scratch)?;
+            let mut decoded = Vec::with_capacity(scratch.log.len());
+            for (log, channel) in scratch.log.chunks_exact(place.positions()).zip(self.grid().channels()) {
+                // The scale is mostly below 1: what the tone map saturated would overflow again.
+                let unscale = |log: f32| (inverse_tone_map_f64(log, eps) / channel.scale).min(f64::MAX);
+                decoded.extend(log.iter().map(|&log| unscale(log)));
+            }
+            copy_rows(values, &decoded);
+            copy_rows(valid, &self.header.masks_of(&place, scratch));
+            Ok(())
+        })?;
+        BrdfTable::from_parts(self.grid().clone(), values, valid)
+    }
+
+    /// Checks every byte: all sections' checksums and, block by block, that each record and what restores its bits decodes.
+    /// Returns what is damaged; nothing if the file is intact. A table above the caller's limit is not looked at:
+    /// that is the one error then.
+    pub fn verify(&self) -> Vec<Error> {
+        if let Err(e) = self.check_table_size() {
+            return vec![e];
+        }
+        let mut damage = Vec::new();
+        for section in self.directory.sections() {
+            let bytes = &self.data.as_ref()[section.range.clone()];
+            if crc32fast::hash(bytes) != section.crc {
+                let what = format!("checksum of section {} is wrong", section.name());
+                damage.push(Error::corrupt("file", section.range.start as u64, what));
+                continue;
+            }
+            #[cfg(feature = "metadata")]
+            if section.id == directory::METADATA.as_bytes() {
+                damage.extend(self.metadata().err());
+            }
+        }
+        let exact = match self.is_lossless().then(|| self.exact_index()).transpose() {
+            Ok(exact) => exact,
+            Err(e) => {
+                damage.push(e);
+                None
+            }
+        };
+        let check = |scratch: &mut Scratch, block: usize| {
+            let record = self.record(block).and_then(|record| self.rebuild(block, &record, scratch)).err();
+            let bits = exact.as_ref().filter(|_| record.is_none());
+            Ok([record, bits.and_then(|index| self.exact_bits(index, block, scratch).err())])
+        };
+        match map_blocks(0..self.block_count(), check) {
+            Ok(found) => damage.extend(found.into_iter().flatten().flatten()),
+            Err(e) => damage.push(e),
+        }
+        damage
+    }
+}
+
+/// `work` on every block, in order of their numbers; the first error ends it.
+#[cfg(feature = "parallel")]
+fn map_blocks<T: Send>(
+    blocks: std::ops::Range<usize>,
+    work: impl Fn(&mut Scratch, usize) -> Result<T> + Sync + Send,
+) -> Result<Vec<T>> {
+    use rayon::prelude::*;
+    blocks.into_par_iter().map_init(Scratch::default, work).collect()
+}
+
+#[cfg(not(feature = "parallel"))]
+fn map_blocks<T>(blocks: std::ops::Range<usize>, work: impl Fn(&mut Scratch, usize) -> Result<T>) -> Result<Vec<T>> {
+    let mut scratch = Scratch::default();
+    blocks.map(|block| work(&mut scratch, block)).collect()
+}
+
+/// `work` on every block with what belongs to it; the first error ends it.
+#[cfg(feature = "parallel")]
+pub(super) fn for_each_block<T: Send>(
+    blocks: Vec<T>,
+    work: impl Fn(&mut Scratch, usize, T) -> Result<()> + Sync + Send,
+) -> Result<()> {
+    use rayon::prelude::*;
+    let with_scratch = |scratch: &mut Scratch, (block, target)| work(scratch, block, target);
+    blocks.into_par_iter().enumerate().with_max_len(1).try_for_each_init(Scratch::default, with_scratch)
+}
+
+#[cfg(not(feature = "parallel"))]
+pub(super) fn for_each_block<T>(blocks: Vec<T>, work: impl Fn(&mut Scratch, usize, T) -> Result<()>) -> Result<()> {
+    let mut scratch = Scratch::default();
+    blocks.into_iter().enumerate().try_for_each(|(block, target)| work(&mut scratch, block, target))
+}
+
+/// Copies the values of a block into its rows.
+pub(super) fn copy_rows<T: Copy>(rows: Vec<&mut [T]>, values: &[T]) {
+    let mut left = values;
+    for row in rows {
+        let (values, rest) = left.split_at(row.len());
+        row.copy_from_slice(values);
+        left = rest;
+    }
+}

@@ -1,0 +1,90 @@
+use super::{Pruned, Reader, Scratch};
+use crate::block::positions;
+use crate::simd::Level;
+
+fn golden() -> Vec<(String, Vec<u8>)> {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/v1");
+    let mut files: Vec<_> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    files.retain(|path| path.extension().is_some_and(|e| e == "csbrdf"));
+    files.sort();
+    assert!(files.len() > 20);
+    files.into_iter().map(|path| (path.display().to_string(), std::fs::read(path).unwrap())).collect()
+}
+
+fn bits(values: &[f32]) -> Vec<u32> {
+    values.iter().map(|v| v.to_bits()).collect()
+}
+
+/// The vector instructions of this machine and those of every machine give the same bits.
+#[test]
+fn every_level_gives_the_same_bits() {
+    for (name, bytes) in golden() {
+        let mut reader = Reader::open(bytes).unwrap().with_pruned(Pruned::Coarse);
+        let best = bits(&reader.decode_all().unwrap());
+        reader.header.level = Level::baseline();
+        assert!(bits(&reader.decode_all().unwrap()) == best, "{name}");
+    }
+}
+
+/// Single values, from the coefficients, are those of the whole block bit by bit.
+#[test]
+fn points_are_those_of_the_block() {
+    let mut scratch = Scratch::default();
+    let mut some = 0;
+    for (name, bytes) in golden() {
+        let reader = Reader::open(bytes).unwrap().with_pruned(Pruned::Coarse);
+        let channels = reader.grid().channels().len();
+        for block in 0..reader.block_count() {
+            let mut whole = vec![0.0; reader.block_values(block).unwrap()];
+            reader.block_into(block, &mut whole).unwrap();
+            let Some(sparse) = reader.sparse_block(block, &mut scratch).unwrap() else { continue };
+            let place = reader.place(block).unwrap();
+            for (index, within) in positions(place.shape).enumerate().step_by(7) {
+                let mut value = vec![f32::NAN; channels];
+                reader.point(&sparse, within, &mut value).unwrap();
+                let expected: Vec<f32> = whole.iter().skip(index).step_by(place.positions()).copied().collect();
+                assert!(bits(&value) == bits(&expected), "{name}, block {block}, {within:?}: {value:?} {expected:?}");
+                some += 1;
+            }
+        }
+    }
+    assert!(some > 10_000);
+}
+
+/// Values on their way into the table and into a block are the same bits; a wrong length is refused.
+#[test]
+fn the_table_is_its_blocks() {
+    for (name, bytes) in golden() {
+        let reader = Reader::open(bytes).unwrap().with_pruned(Pruned::Coarse);
+        let (shape, n) = (reader.grid().shape(), reader.grid().positions());
+        let mut expected = vec![0.0; n * reader.grid().channels().len()];
+        for block in 0..reader.block_count() {
+            let place = reader.place(block).unwrap();
+            let mut values = vec![0.0; reader.block_values(block).unwrap()];
+            reader.block_into(block, &mut values).unwrap();
+            for (plane, values) in expected.chunks_exact_mut(n).zip(values.chunks_exact(place.positions())) {
+                place.scatter(shape, values, plane);
+            }
+        }
+        let mut table = vec![f32::NAN; expected.len()];
+        reader.decode_all_into(&mut table).unwrap();
+        assert!(bits(&table) == bits(&expected), "{name}");
+        assert!(reader.decode_all_into(&mut table[1..]).is_err());
+    }
+}
+
+/// Buffers hold what the block before left, of another shape or file: nothing of it comes through.
+#[test]
+fn what_a_scratch_holds_does_not_matter() {
+    let mut stale = Scratch::default();
+    for (name, bytes) in golden() {
+        let reader = Reader::open(bytes).unwrap().with_pruned(Pruned::Coarse);
+        for block in (0..reader.block_count()).rev() {
+            let mut fresh = vec![0.0; reader.block_values(block).unwrap()];
+            reader.block_into(block, &mut fresh).unwrap();
+            let mut values = vec![f32::NAN; fresh.len()];
+            reader.block_with(block, &mut stale, &mut values).unwrap();
+            assert!(bits(&values) == bits(&fresh), "{name}, block {block}");
+        }
+    }
+}
