@@ -210,9 +210,17 @@ impl Partition {
         self.shapes.iter().map(|shape| shape.iter().product()).max().unwrap_or(1)
     }
 
-    /// Positions of the block of a number below [`Partition::block_count`].
-    pub(crate) fn positions_of(&self, number: usize) -> usize {
-        self.block(number).map_or(1, |block| block.positions())
+    /// Number of positions of each block, in order of their numbers; what dividing by each number would cost is saved.
+    pub(crate) fn sizes(&self) -> impl Iterator<Item = usize> {
+        (0..self.tile_shape.len()).flat_map(|tile| {
+            let (bounds, shape) = (self.tile_box(tile).shape, self.shape_of(tile));
+            let along = move |axis: usize| {
+                (0..bounds[axis]).step_by(shape[axis]).map(move |at| shape[axis].min(bounds[axis] - at))
+            };
+            along(0).flat_map(move |i| {
+                along(1).flat_map(move |j| along(2).flat_map(move |k| along(3).map(move |l| i * j * k * l)))
+            })
+        })
     }
 
     /// Number of blocks along each axis, if one tile covers the grid.

@@ -117,11 +117,10 @@ impl Coder for Decoder<'_> {
         let mut value = 0;
         for _ in 0..bits {
             self.range >>= 1;
-            let bit = self.code < self.range;
-            if !bit {
-                self.code -= self.range;
-            }
-            value = value << 1 | u32::from(bit);
+            // Without a branch: nobody could tell which way it goes.
+            let bit = u32::from(self.code < self.range);
+            self.code -= self.range & bit.wrapping_sub(1);
+            value = value << 1 | bit;
             self.normalize();
         }
         value

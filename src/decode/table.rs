@@ -112,6 +112,23 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
     }
 }
 
+/// Scratches that threads share, as many as work at one time: rayon would make one anew for each block.
+#[cfg(feature = "parallel")]
+#[derive(Default)]
+struct Scratches(std::sync::Mutex<Vec<Scratch>>);
+
+#[cfg(feature = "parallel")]
+impl Scratches {
+    fn lend<T>(&self, work: impl FnOnce(&mut Scratch) -> T) -> T {
+        // Nothing that panics runs while the list is held.
+        let list = || self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let mut scratch = list().pop().unwrap_or_default();
+        let result = work(&mut scratch);
+        list().push(scratch);
+        result
+    }
+}
+
 /// `work` on every block, in order of their numbers; the first error ends it.
 #[cfg(feature = "parallel")]
 fn map_blocks<T: Send>(
@@ -119,7 +136,8 @@ fn map_blocks<T: Send>(
     work: impl Fn(&mut Scratch, usize) -> Result<T> + Sync + Send,
 ) -> Result<Vec<T>> {
     use rayon::prelude::*;
-    blocks.into_par_iter().map_init(Scratch::default, work).collect()
+    let scratches = Scratches::default();
+    blocks.into_par_iter().map(|block| scratches.lend(|scratch| work(scratch, block))).collect()
 }
 
 #[cfg(not(feature = "parallel"))]
@@ -135,8 +153,9 @@ pub(super) fn for_each_block<T: Send>(
     work: impl Fn(&mut Scratch, usize, T) -> Result<()> + Sync + Send,
 ) -> Result<()> {
     use rayon::prelude::*;
-    let with_scratch = |scratch: &mut Scratch, (block, target)| work(scratch, block, target);
-    blocks.into_par_iter().enumerate().with_max_len(1).try_for_each_init(Scratch::default, with_scratch)
+    let scratches = Scratches::default();
+    let work = |(block, target)| scratches.lend(|scratch| work(scratch, block, target));
+    blocks.into_par_iter().enumerate().with_max_len(1).try_for_each(work)
 }
 
 #[cfg(not(feature = "parallel"))]

@@ -1,5 +1,7 @@
 //! The section PROB (spec section 3.5): where the contexts of the range coder start.
 
+use std::sync::OnceLock;
+
 use crate::bits::ByteReader;
 use crate::entropy::{MAX_NUMBER_BITS, code_number};
 use crate::error::Result;
@@ -18,6 +20,12 @@ pub(crate) fn decode_probability(code: u8) -> u16 {
     const TWELFTH: f64 = std::f64::consts::LN_2 / 12.0;
     let small = (32768.0 * exp64(-f64::from(code & 127) * TWELFTH) + 0.5) as u16;
     if code < 128 { small } else { (65536 - u32::from(small)) as u16 }
+}
+
+/// Those of all codes, computed once: opening a file asks for hundreds.
+fn decode_probabilities() -> &'static [u16; 256] {
+    static DECODED: OnceLock<[u16; 256]> = OnceLock::new();
+    DECODED.get_or_init(|| std::array::from_fn(|code| decode_probability(code as u8)))
 }
 
 /// The codes in the order of what they stand for: -127 is the smallest probability, 0 one half.
@@ -66,7 +74,8 @@ pub(crate) fn read_probabilities(mut r: ByteReader, contexts: usize, draft: u16)
         if decoder.unread() > 0 {
             return Err(place.corrupt("bytes are left over at its end"));
         }
-        return Ok(codes.into_iter().map(|code| code.map_or(1 << 15, decode_probability)).collect());
+        let decoded = decode_probabilities();
+        return Ok(codes.into_iter().map(|code| code.map_or(1 << 15, |code| decoded[usize::from(code)])).collect());
     }
     // One bit a context, low bit first: whether its probability follows; the others start at one half.
     let used = r.bytes(contexts.div_ceil(8))?;
