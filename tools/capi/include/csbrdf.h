@@ -17,14 +17,14 @@
  * the caller's, but for handles; what a function writes to must not overlap what it reads. What an output holds
  * after a failure is not specified, but for handles, which are NULL then.
  *
- * Threads: any number of threads may use one handle at the same time, in every function but csbrdf_close(). The
+ * Threads: any number of threads may use one handle at the same time, but in what closes or frees it. The
  * message of csbrdf_last_error() is that of the calling thread. Values do not depend on which threads ask, when, or
  * for what else.
  *
  * Failures: every function returns, and none throws. A bug in the library that is caught (CSBRDF_PANIC) also leaves
  * a note on stderr. The program ends only if memory runs out, or if a mapped file shrinks (csbrdf_open_path()).
  *
- * Made by cbindgen from src/lib.rs; `cargo test` in tools/capi tells how to make it anew.
+ * Made by cbindgen from src; `cargo test` in tools/capi tells how to make it anew.
  */
 
 #ifndef CSBRDF_H
@@ -58,6 +58,51 @@
  * csbrdf_options.pruned: a block that was pruned gives its mean.
  */
 #define CSBRDF_PRUNED_COARSE 1
+
+/**
+ * csbrdf_axis.quantity: anything that this library knows no angle for.
+ */
+#define CSBRDF_AXIS_OTHER 0
+
+/**
+ * csbrdf_axis.quantity: elevation of the half vector, from the normal.
+ */
+#define CSBRDF_AXIS_THETA_H 1
+
+/**
+ * csbrdf_axis.quantity: azimuth of the half vector.
+ */
+#define CSBRDF_AXIS_PHI_H 2
+
+/**
+ * csbrdf_axis.quantity: elevation of the difference vector, from the half vector.
+ */
+#define CSBRDF_AXIS_THETA_D 3
+
+/**
+ * csbrdf_axis.quantity: azimuth of the difference vector.
+ */
+#define CSBRDF_AXIS_PHI_D 4
+
+/**
+ * csbrdf_axis.quantity: elevation of the incident direction.
+ */
+#define CSBRDF_AXIS_THETA_I 5
+
+/**
+ * csbrdf_axis.quantity: azimuth of the incident direction.
+ */
+#define CSBRDF_AXIS_PHI_I 6
+
+/**
+ * csbrdf_axis.quantity: elevation of the outgoing direction.
+ */
+#define CSBRDF_AXIS_THETA_O 7
+
+/**
+ * csbrdf_axis.quantity: azimuth of the outgoing direction.
+ */
+#define CSBRDF_AXIS_PHI_O 8
 
 /**
  * What came of a call. csbrdf_last_error() has the details. Later versions may add codes.
@@ -111,6 +156,11 @@ typedef enum {
 typedef struct csbrdf_brdf csbrdf_brdf;
 
 /**
+ * What draws directions where a material reflects. Needs its file no more once it is made.
+ */
+typedef struct csbrdf_importance csbrdf_importance;
+
+/**
  * How to open a file. A field that is 0 takes its default: start with `csbrdf_options options = {0};` (C++:
  * `csbrdf_options options{};`) and set `options.size = sizeof options`.
  */
@@ -138,6 +188,33 @@ typedef struct {
      */
     uint32_t pruned;
 } csbrdf_options;
+
+/**
+ * An axis of the grid.
+ */
+typedef struct {
+    /**
+     * What it measures: CSBRDF_AXIS_...
+     */
+    uint32_t quantity;
+    /**
+     * How its bins are spread: bin coordinate u, bin i from i to i + 1, is the angle start + (end - start) * t, with
+     * t = u / bins to this power, 1 (equal bins) or 2 (bins that are narrow near `start`: theta_h of MERL).
+     */
+    uint32_t power;
+    /**
+     * Number of bins, at least 1.
+     */
+    size_t bins;
+    /**
+     * Angle at the lower edge of the first bin, radians.
+     */
+    double start;
+    /**
+     * Angle at the upper edge of the last bin, radians.
+     */
+    double end;
+} csbrdf_axis;
 
 #ifdef __cplusplus
 extern "C" {
@@ -287,6 +364,142 @@ csbrdf_status csbrdf_eval_many(const csbrdf_brdf *brdf,
                                const double *wo,
                                float *out,
                                size_t length);
+
+/**
+ * What an axis measures, from where to where. `axis` counts from 0, the slowest, to what csbrdf_axis_count() gives, less
+ * one; unlike csbrdf_grid_shape() there are no axes of one bin in front.
+ */
+csbrdf_status csbrdf_grid_axis(const csbrdf_brdf *brdf,
+                               size_t axis,
+                               csbrdf_axis *out);
+
+/**
+ * Name of a channel in UTF-8, such as "R": at most `size` bytes with the terminating NUL go to `name`, cut between
+ * characters; `*wavelength` becomes its centre in nanometres, 0 for broad-band channels such as R, G, B.
+ *
+ * `wavelength` may be NULL, and so may `name` if `size` is 0. 256 bytes are enough for every name.
+ */
+csbrdf_status csbrdf_channel(const csbrdf_brdf *brdf,
+                             size_t channel,
+                             char *name,
+                             size_t size,
+                             double *wavelength);
+
+/**
+ * Which values of a block were measured: 1 for each that was, 0 for each that the encoder filled in, in the order of
+ * csbrdf_decode_block(). In a block that was pruned none counts as measured.
+ *
+ * `length` must be what csbrdf_block_size() gives.
+ */
+csbrdf_status csbrdf_block_validity(const csbrdf_brdf *brdf,
+                                    size_t block,
+                                    uint8_t *out,
+                                    size_t length);
+
+/**
+ * Decodes the file once, some 50 ms for a MERL table on one thread, and puts what draws directions for it into `*out`,
+ * to be freed by csbrdf_importance_free(), or NULL on failure. It takes some 100 kB and does not refer to `brdf`.
+ *
+ * Files with other axes than half and difference angles draw by the cosine alone. Blocks that were pruned draw few
+ * directions, unless the options allow their means.
+ */
+csbrdf_status csbrdf_importance_new(const csbrdf_brdf *brdf,
+                                    csbrdf_importance **out);
+
+/**
+ * Frees what csbrdf_importance_new() made; NULL is allowed and does nothing. No other call may be using it, nor use
+ * it afterwards.
+ */
+void csbrdf_importance_free(csbrdf_importance *importance);
+
+/**
+ * Draws a direction for `wi` (as in csbrdf_eval()) by two numbers from 0 to below 1: `wo` becomes a unit vector above
+ * the horizon, `*pdf` its density in 1/sr, positive. A BRDF is reciprocal: light and view may change places.
+ *
+ * CSBRDF_INVALID_ARGUMENT if `wi` is zero, not finite, or not above the horizon.
+ */
+csbrdf_status csbrdf_importance_sample(const csbrdf_importance *importance,
+                                       const double wi[3],
+                                       const double u[2],
+                                       double wo[3],
+                                       double *pdf);
+
+/**
+ * Density in 1/sr of csbrdf_importance_sample() at `wo` for `wi`; it integrates to 1 over the hemisphere of `wo`. 0 if
+ * one of them is zero, not finite, or not above the horizon.
+ */
+csbrdf_status csbrdf_importance_pdf(const csbrdf_importance *importance,
+                                    const double wi[3],
+                                    const double wo[3],
+                                    double *pdf);
+
+/**
+ * What an axis measures, from where to where. `axis` counts from 0, the slowest, to what csbrdf_axis_count() gives, less
+ * one; unlike csbrdf_grid_shape() there are no axes of one bin in front.
+ */
+csbrdf_status csbrdf_grid_axis(const csbrdf_brdf *brdf,
+                               size_t axis,
+                               csbrdf_axis *out);
+
+/**
+ * Name of a channel in UTF-8, such as "R": at most `size` bytes with the terminating NUL go to `name`, cut between
+ * characters; `*wavelength` becomes its centre in nanometres, 0 for broad-band channels such as R, G, B.
+ *
+ * `wavelength` may be NULL, and so may `name` if `size` is 0. 256 bytes are enough for every name.
+ */
+csbrdf_status csbrdf_channel(const csbrdf_brdf *brdf,
+                             size_t channel,
+                             char *name,
+                             size_t size,
+                             double *wavelength);
+
+/**
+ * Which values of a block were measured: 1 for each that was, 0 for each that the encoder filled in, in the order of
+ * csbrdf_decode_block(). In a block that was pruned none counts as measured.
+ *
+ * `length` must be what csbrdf_block_size() gives.
+ */
+csbrdf_status csbrdf_block_validity(const csbrdf_brdf *brdf,
+                                    size_t block,
+                                    uint8_t *out,
+                                    size_t length);
+
+/**
+ * Decodes the file once, some 50 ms for a MERL table on one thread, and puts what draws directions for it into `*out`,
+ * to be freed by csbrdf_importance_free(), or NULL on failure. It takes some 100 kB and does not refer to `brdf`.
+ *
+ * Files with other axes than half and difference angles draw by the cosine alone. Blocks that were pruned draw few
+ * directions, unless the options allow their means.
+ */
+csbrdf_status csbrdf_importance_new(const csbrdf_brdf *brdf,
+                                    csbrdf_importance **out);
+
+/**
+ * Frees what csbrdf_importance_new() made; NULL is allowed and does nothing. No other call may be using it, nor use
+ * it afterwards.
+ */
+void csbrdf_importance_free(csbrdf_importance *importance);
+
+/**
+ * Draws a direction for `wi` (as in csbrdf_eval()) by two numbers from 0 to below 1: `wo` becomes a unit vector above
+ * the horizon, `*pdf` its density in 1/sr, positive. A BRDF is reciprocal: light and view may change places.
+ *
+ * CSBRDF_INVALID_ARGUMENT if `wi` is zero, not finite, or not above the horizon.
+ */
+csbrdf_status csbrdf_importance_sample(const csbrdf_importance *importance,
+                                       const double wi[3],
+                                       const double u[2],
+                                       double wo[3],
+                                       double *pdf);
+
+/**
+ * Density in 1/sr of csbrdf_importance_sample() at `wo` for `wi`; it integrates to 1 over the hemisphere of `wo`. 0 if
+ * one of them is zero, not finite, or not above the horizon.
+ */
+csbrdf_status csbrdf_importance_pdf(const csbrdf_importance *importance,
+                                    const double wi[3],
+                                    const double wo[3],
+                                    double *pdf);
 
 #ifdef __cplusplus
 }  // extern "C"

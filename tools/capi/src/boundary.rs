@@ -80,17 +80,27 @@ fn panic_message(payload: &(dyn Any + Send)) -> String {
 pub unsafe fn last_error(buffer: *mut c_char, size: usize) -> usize {
     let copy = |message: &RefCell<String>| {
         let message = message.borrow();
-        if !buffer.is_null() && size > 0 {
-            let cut = (0..size.min(message.len() + 1)).rev().find(|&n| message.is_char_boundary(n)).unwrap_or(0);
-            // SAFETY: cut < size, and the caller vouches for that many bytes; no one else has the thread's message.
-            unsafe {
-                buffer.cast::<u8>().copy_from_nonoverlapping(message.as_ptr(), cut);
-                buffer.add(cut).write(0);
-            }
-        }
+        // SAFETY: this function's own condition; no one else has the thread's message.
+        unsafe { write_text(&message, buffer, size) };
         message.len()
     };
     catch_unwind(|| LAST_ERROR.try_with(copy).unwrap_or(0)).unwrap_or(0)
+}
+
+/// Copies a text, cut between characters to `size` bytes with its NUL.
+///
+/// # Safety
+/// `buffer` is NULL or good for writing `size` bytes.
+pub unsafe fn write_text(text: &str, buffer: *mut c_char, size: usize) {
+    if buffer.is_null() || size == 0 {
+        return;
+    }
+    let cut = (0..size.min(text.len() + 1)).rev().find(|&n| text.is_char_boundary(n)).unwrap_or(0);
+    // SAFETY: cut < size, and the caller vouches for that many bytes.
+    unsafe {
+        buffer.cast::<u8>().copy_from_nonoverlapping(text.as_ptr(), cut);
+        buffer.add(cut).write(0);
+    }
 }
 
 fn check<T>(pointer: *const T, name: &str) -> Outcome {
@@ -141,11 +151,27 @@ pub unsafe fn array<'a, T>(from: *const T, length: usize, name: &str) -> Outcome
 /// # Safety
 /// Unless it is NULL, `to` points to room for `length` floats that nothing else reads or writes for `'a`.
 pub unsafe fn buffer<'a>(to: *mut f32, length: usize, name: &str) -> Outcome<&'a mut [f32]> {
+    // SAFETY: this function's own condition; all bits zero is a float.
+    unsafe { zeroed(to, length, name) }
+}
+
+/// The same for bytes.
+///
+/// # Safety
+/// As [`buffer`].
+pub unsafe fn bytes<'a>(to: *mut u8, length: usize, name: &str) -> Outcome<&'a mut [u8]> {
+    // SAFETY: this function's own condition; zero is a byte.
+    unsafe { zeroed(to, length, name) }
+}
+
+/// # Safety
+/// As [`buffer`]; all bits zero is a `T`.
+unsafe fn zeroed<'a, T>(to: *mut T, length: usize, name: &str) -> Outcome<&'a mut [T]> {
     if length == 0 {
         return Ok(&mut []);
     }
     check(to, name)?;
-    check_size::<f32>(length, name)?;
+    check_size::<T>(length, name)?;
     // SAFETY: not NULL, aligned, within isize::MAX bytes, the first line initialises it; the caller vouches for the
     // rest.
     Ok(unsafe {

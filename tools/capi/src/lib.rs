@@ -3,7 +3,9 @@
 // What callers owe is said once, at the head of csbrdf.h.
 #![allow(clippy::missing_safety_doc)]
 
+mod about;
 mod boundary;
+mod importance;
 
 use std::ffi::{CStr, c_char};
 use std::path::Path;
@@ -15,6 +17,9 @@ use codec::decode::{Pruned, Reader};
 use codec::eval::Brdf;
 use codec::format::Limits;
 use codec::map::map_file;
+
+pub use about::*;
+pub use importance::*;
 
 use boundary::{Outcome, array, buffer, check_length, guard, invalid, last_error, shared, string, write};
 

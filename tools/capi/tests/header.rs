@@ -1,4 +1,4 @@
-//! `include/csbrdf.h` is what cbindgen makes of `src/lib.rs`.
+//! `include/csbrdf.h` is what cbindgen makes of the sources.
 
 use std::path::Path;
 
@@ -6,7 +6,9 @@ use std::path::Path;
 fn the_header_is_that_of_the_source() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
     let config = cbindgen::Config::from_file(folder.join("cbindgen.toml")).unwrap();
-    let bindings = cbindgen::Builder::new().with_config(config).with_src(folder.join("src/lib.rs")).generate().unwrap();
+    let sources = ["lib", "about", "importance"].map(|name| folder.join(format!("src/{name}.rs")));
+    let builder = sources.iter().fold(cbindgen::Builder::new().with_config(config), |b, source| b.with_src(source));
+    let bindings = builder.generate().unwrap();
     let mut made = Vec::new();
     bindings.write(&mut made);
     let made = String::from_utf8(made).unwrap();
@@ -18,6 +20,6 @@ fn the_header_is_that_of_the_source() {
     let found = std::fs::read_to_string(&path).unwrap_or_default().replace("\r\n", "\n");
     assert!(
         found == made,
-        "include/csbrdf.h is not that of src/lib.rs; CSBRDF_UPDATE_HEADER=1 cargo test --test header writes it anew"
+        "include/csbrdf.h is not that of the sources; CSBRDF_UPDATE_HEADER=1 cargo test --test header writes it anew"
     );
 }

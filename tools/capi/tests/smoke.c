@@ -306,6 +306,87 @@ static void check_pruned(const char *data) {
     free(path);
 }
 
+/* Axes, channels and validity: those of the golden file, a grid of MERL's kind. */
+static void check_about(const csbrdf_brdf *brdf) {
+    static const unsigned quantities[3] = {CSBRDF_AXIS_THETA_H, CSBRDF_AXIS_THETA_D, CSBRDF_AXIS_PHI_D};
+    static const char *const names[3] = {"R", "G", "B"};
+    size_t shape[4], blocks = 0, measured = 0, entries = 0, odd = 0, i, j;
+    csbrdf_axis axis;
+    char name[8];
+    double wavelength = -1.0;
+    CHECK(csbrdf_grid_shape(brdf, shape) == CSBRDF_OK);
+    for (i = 0; i < 3; ++i) {
+        CHECK(csbrdf_grid_axis(brdf, i, &axis) == CSBRDF_OK);
+        CHECK(axis.quantity == quantities[i] && axis.power == (i == 0 ? 2u : 1u) && axis.bins == shape[i + 1]);
+        CHECK(axis.start == 0.0 && fabs(axis.end - (i == 2 ? 2.0 : 1.0) * 1.5707963267948966) < 1e-12);
+        CHECK(csbrdf_channel(brdf, i, name, sizeof name, &wavelength) == CSBRDF_OK);
+        CHECK(strcmp(name, names[i]) == 0 && wavelength == 0.0);
+    }
+    FAILS(INVALID_ARGUMENT, csbrdf_grid_axis(brdf, 3, &axis));
+    CHECK(says("axis 3 does not exist"));
+    FAILS(INVALID_ARGUMENT, csbrdf_grid_axis(brdf, 0, NULL));
+    FAILS(INVALID_ARGUMENT, csbrdf_grid_axis(NULL, 0, &axis));
+    FAILS(INVALID_ARGUMENT, csbrdf_channel(brdf, 3, name, sizeof name, NULL));
+    FAILS(INVALID_ARGUMENT, csbrdf_channel(brdf, 0, NULL, 1, NULL));
+    CHECK(csbrdf_channel(brdf, 0, NULL, 0, NULL) == CSBRDF_OK);
+    CHECK(csbrdf_channel(brdf, 0, name, 1, NULL) == CSBRDF_OK && name[0] == '\0');
+    CHECK(csbrdf_block_count(brdf, &blocks) == CSBRDF_OK);
+    for (i = 0; i < blocks; ++i) {
+        size_t size = 0;
+        unsigned char *valid;
+        CHECK(csbrdf_block_size(brdf, i, &size) == CSBRDF_OK);
+        valid = allocate(size);
+        memset(valid, 7, size);
+        CHECK(csbrdf_block_validity(brdf, i, valid, size) == CSBRDF_OK);
+        for (j = 0; j < size; ++j) {
+            measured += valid[j];
+            odd += valid[j] > 1;
+        }
+        entries += size;
+        FAILS(INVALID_ARGUMENT, csbrdf_block_validity(brdf, i, valid, size - 1));
+        FAILS(INVALID_ARGUMENT, csbrdf_block_validity(brdf, i, NULL, size));
+        free(valid);
+    }
+    FAILS(INVALID_ARGUMENT, csbrdf_block_validity(brdf, blocks, NULL, 0));
+    /* The file has entries that were measured, and others. */
+    CHECK(odd == 0 && measured > 0 && measured < entries);
+}
+
+/* Draws are where their density says, and their density integrates to 1: means of 1 / pdf are the hemisphere's 2 pi. */
+static void check_importance(const csbrdf_brdf *brdf) {
+    const double wi[3] = {0.6, 0.0, 0.8}, below[3] = {0.0, 0.1, -0.5};
+    double u[2], wo[3], pdf = 0.0, again = 0.0, sum = 0.0;
+    csbrdf_importance *importance = NULL;
+    int i, wrong = 0;
+    CHECK(csbrdf_importance_new(brdf, &importance) == CSBRDF_OK && importance != NULL);
+    if (importance == NULL) {
+        return;
+    }
+    for (i = 0; i < 65536; ++i) {
+        u[0] = (i / 256 + 0.5) / 256.0;
+        u[1] = (i % 256 + 0.5) / 256.0;
+        wrong += csbrdf_importance_sample(importance, wi, u, wo, &pdf) != CSBRDF_OK;
+        wrong += csbrdf_importance_pdf(importance, wi, wo, &again) != CSBRDF_OK;
+        wrong += !(pdf > 0.0) || fabs(again - pdf) > 1e-6 * pdf || !(wo[2] > 0.0);
+        wrong += fabs(wo[0] * wo[0] + wo[1] * wo[1] + wo[2] * wo[2] - 1.0) > 1e-9;
+        sum += 1.0 / pdf;
+    }
+    CHECK(wrong == 0);
+    CHECK(fabs(sum / 65536.0 / 6.283185307179586 - 1.0) < 0.03);
+    FAILS(INVALID_ARGUMENT, csbrdf_importance_sample(importance, below, u, wo, &pdf));
+    CHECK(says("not above the horizon"));
+    CHECK(csbrdf_importance_pdf(importance, wi, below, &pdf) == CSBRDF_OK && pdf == 0.0);
+    FAILS(INVALID_ARGUMENT, csbrdf_importance_sample(importance, wi, NULL, wo, &pdf));
+    FAILS(INVALID_ARGUMENT, csbrdf_importance_sample(importance, wi, u, NULL, &pdf));
+    FAILS(INVALID_ARGUMENT, csbrdf_importance_pdf(importance, wi, wo, NULL));
+    FAILS(INVALID_ARGUMENT, csbrdf_importance_pdf(NULL, wi, wo, &pdf));
+    csbrdf_importance_free(importance);
+    csbrdf_importance_free(NULL);
+    FAILS(INVALID_ARGUMENT, csbrdf_importance_new(NULL, &importance));
+    CHECK(importance == NULL);
+    FAILS(INVALID_ARGUMENT, csbrdf_importance_new(brdf, NULL));
+}
+
 static void check_messages(void) {
     char message[8] = "#######", whole[64];
     size_t needed;
@@ -349,6 +430,8 @@ int main(int argc, char **argv) {
         check_files(data, path, bytes, size);
         check_options(path, bytes, size);
         check_pruned(data);
+        check_about(mapped);
+        check_importance(copied);
         check_messages();
         free(table);
         free(again);
