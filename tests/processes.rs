@@ -229,7 +229,7 @@ fn files_beyond_the_limit_of_a_process_are_told_and_nothing_is_left() {
     let folder = folder();
     let decode = DECODE.join(" ");
     // As shells and services set it: the signal ends the tool.
-    let (status, stderr) = shell(folder.path(), &format!("ulimit -f 64; exec \"$0\" {decode}"));
+    let (status, stderr) = shell(folder.path(), &format!("ulimit -c 0; ulimit -f 64; exec \"$0\" {decode}"));
     assert_eq!(status.signal(), Some(SIGXFSZ), "{status} {stderr}");
     // Files without a name leave nothing behind, others what a killed process leaves.
     if nameless(folder.path()) {
@@ -269,6 +269,18 @@ fn a_full_disk_is_told_and_keeps_the_old_file() {
         fails((status, stderr), OPERATION, &["d/out: no space left on device; free some space"]);
         assert_eq!(list, "out\n");
         assert_eq!(std::fs::read(folder.path().join("kept")).unwrap(), b"old");
+    }
+}
+
+/// A file without a name gets one by way of /proc.
+#[test]
+fn without_proc_a_file_gets_its_name_all_the_same() {
+    let folder = folder();
+    let line = "mount -t tmpfs none /proc && \"$0\" decode t.csbrdf --block 0 -o d/out.npy && \"$0\" decode t.csbrdf --block 1 -o \
+                d/out.npy --force && \"$0\" decode t.csbrdf --block 0 -o d/out.npy";
+    if let Some((status, stderr, list)) = on_a_disk(folder.path(), "size=1m", line) {
+        fails((status, stderr), OPERATION, &["d/out.npy: exists already"]);
+        assert_eq!(list, "out.npy\n");
     }
 }
 

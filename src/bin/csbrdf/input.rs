@@ -14,8 +14,9 @@ use crate::failure::{Failure, Outcome};
 /// Most bytes that are read from a pipe: it may never end.
 const STREAM_LIMIT: u64 = 1 << 30;
 
-/// Larger files are mapped. Up to here they are read, which takes no longer, and a file that another process cuts short meanwhile is
-/// an error as any other; in a map it would end this process by SIGBUS.
+/// Larger files are mapped. Up to here they are read, and a file that another process cuts short meanwhile is an error as any other; in
+/// a map it would end this process by SIGBUS. Files of some 20 kB take no longer so; one block of a lossless file of 20 MB takes 32 ms
+/// of a processor in place of 4, and a comparison with a MERL table of 35 MB 539 in place of 492.
 const READ_LIMIT: u64 = 1 << 28;
 
 /// The bytes of an input.
