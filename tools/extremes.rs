@@ -1,16 +1,26 @@
-//! Table of the solver's answers to stiff and extreme blocks: `cargo run --release --example extremes`
+//! Tables of what comes of stiff and extreme blocks and tables: `cargo run --release --example extremes`
 //!
-//! Blocks of 15 x 15 x 15, DCT basis, plain l1 norm. Per block: why the solver stopped, iterations, the residual over
-//! sigma (over the norm of the samples where sigma is 0), the rms error of the rebuilt block against the truth over
-//! the rms of the truth, the same when only 4 iterations were allowed, and the largest difference, over the largest
-//! value, when the samples are rounded to binary32 before the solve and the coefficients after it.
+//! First the solver's answers. Blocks of 15 x 15 x 15, DCT basis, plain l1 norm. Per block: why the solver stopped, iterations,
+//! the residual over sigma (over the norm of the samples where sigma is 0), the rms error of the rebuilt block against the
+//! truth over the rms of the truth, the same when only 4 iterations were allowed, and the largest difference, over the
+//! largest value, when the samples are rounded to binary32 before the solve and the coefficients after it.
+//!
+//! Then the tables of tests/extremes.rs through encoder and decoder: errors of ln(f + 0.001) over the valid entries, with what the
+//! test allows where every entry is a sample, bytes of the file, milliseconds of the encode.
 
+#[path = "../tests/common/extreme_tables.rs"]
+mod extreme_tables;
+
+use csbrdf::decode::Reader;
+use csbrdf::encode::Encoder;
 use csbrdf::fourier::Basis;
 use csbrdf::fourier::forward::Transform;
+use csbrdf::metrics::compare;
 use csbrdf::sample::SplitMix64;
 use csbrdf::solve::norm::Norm;
 use csbrdf::solve::sampled::{Columns, SampledBasis};
 use csbrdf::solve::spgl1::{Options, Solution, Solver};
+use csbrdf::table::BrdfTable;
 
 const N: usize = 15;
 const SHAPE: [usize; 4] = [1, N, N, N];
@@ -38,7 +48,26 @@ fn main() -> Result<(), Failure> {
     for case in cases() {
         bench.row(&case)?;
     }
+    println!("\n| table | settings | log max, at most | log max | log rms | bytes | ms |");
+    println!("| --- | --- | --- | --- | --- | --- | --- |");
+    for case in extreme_tables::cases() {
+        for (setting, encoder, every_entry) in extreme_tables::settings() {
+            let stated = if every_entry { shown(case.log_max) } else { "-".into() };
+            println!("| {} | {setting} | {stated} | {} |", case.name, outcome(&case.table, &encoder));
+        }
+    }
     Ok(())
+}
+
+/// The columns of a table's row: what came of it, or why nothing did.
+fn outcome(table: &BrdfTable, encoder: &Encoder) -> String {
+    let came = encoder.encode(table).and_then(|encoded| {
+        let bytes = encoded.bytes.len();
+        let errors = compare(table, &Reader::open(encoded.bytes)?.decode_table()?)?.overall;
+        let ms = 1e3 * encoded.report.seconds;
+        Ok(format!("{} | {} | {bytes} | {ms:.1}", shown(errors.log_max), shown(errors.log_rms)))
+    });
+    came.unwrap_or_else(|e| format!("{e} | | |"))
 }
 
 fn cases() -> Vec<Case> {

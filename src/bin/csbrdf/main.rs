@@ -11,6 +11,7 @@ mod info;
 mod input;
 mod lint;
 mod output;
+mod pending;
 mod picture;
 mod plan;
 mod prune;

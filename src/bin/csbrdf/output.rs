@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crate::failure::{Failure, Outcome};
 use crate::input::is_dash;
+use crate::pending::Pending;
 
 /// Where a command's result goes.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -46,8 +47,8 @@ impl Target {
         }
     }
 
-    /// Writes what `fill` produces. A file is written under a temporary name in its folder, brought to the disk and
-    /// renamed; if anything fails, nothing is left. Devices and pipes are written to directly.
+    /// Writes what `fill` produces. A file gets its name when it is complete and on the disk; if anything fails, nothing is
+    /// left. Devices and pipes are written to directly.
     pub fn write(&self, force: bool, fill: impl FnOnce(&mut dyn Write) -> csbrdf::Result<()>) -> Outcome {
         let path = match self {
             Target::Stdout => {
@@ -66,20 +67,15 @@ impl Target {
             let mut out = BufWriter::new(File::options().write(true).open(path).map_err(io)?);
             return fill(&mut out).and_then(|()| Ok(out.flush()?)).map_err(failed);
         }
-        let mut temporary = temporary_beside(path).map_err(io)?;
-        let mut out = BufWriter::new(temporary.as_file_mut());
+        let mut pending = Pending::beside(path).map_err(io)?;
+        let mut out = BufWriter::new(pending.file());
         fill(&mut out).and_then(|()| Ok(out.flush()?)).map_err(failed)?;
         drop(out);
-        temporary.as_file().sync_all().map_err(io)?;
-        if force {
-            temporary.persist(path).map_err(|e| io(e.error))?;
-        } else {
-            // Refused by the operating system if the name was taken in the meantime.
-            temporary.persist_noclobber(path).map_err(|e| match e.error.kind() {
-                std::io::ErrorKind::AlreadyExists => exists(path),
-                _ => io(e.error),
-            })?;
-        }
+        pending.keep(path, force).map_err(|e| match e.kind() {
+            // The name was taken in the meantime.
+            std::io::ErrorKind::AlreadyExists if !force => exists(path),
+            _ => io(e),
+        })?;
         // The name itself, where folders can be synchronised.
         if let Ok(folder) = File::open(folder_of(path)) {
             let _ = folder.sync_all();
@@ -101,22 +97,12 @@ fn exists(path: &Path) -> Failure {
     Failure::operation(format!("{}: exists already; --force replaces it", path.display()))
 }
 
-fn folder_of(path: &Path) -> &Path {
+/// The folder that a path names a file in.
+pub fn folder_of(path: &Path) -> &Path {
     match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
     }
-}
-
-fn temporary_beside(path: &Path) -> std::io::Result<tempfile::NamedTempFile> {
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".csbrdf-").suffix(".tmp");
-    // Temporary files are private; the result has the permissions of any new file.
-    #[cfg(unix)]
-    let permissions: std::fs::Permissions = std::os::unix::fs::PermissionsExt::from_mode(0o666);
-    #[cfg(unix)]
-    builder.permissions(permissions);
-    builder.tempfile_in(folder_of(path))
 }
 
 /// Prints text to standard output.
