@@ -1,0 +1,51 @@
+#!/usr/bin/env bash
+# What takes longer than `.ci/run` may, or needs other compilers: run before a release.
+#
+#     tools/audit.sh [threads] [miri] [rust-version] [advisories]     # all of them without arguments
+#
+# threads       tests/threads.rs under the thread sanitizer, the standard library included (nightly, rust-src)
+# miri          unit tests of the decoder under Miri, but those that take it hours: whole tables, all golden files (nightly, miri)
+# rust-version  everything compiles with the oldest Rust that Cargo.toml names
+# advisories    no crate with an advisory against it, nor with a licence that deny.toml does not allow (cargo-deny)
+#
+# Toolchains come by rustup; what cannot be had is skipped, and says so.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+export CARGO_TERM_COLOR=never CARGO_INCREMENTAL=0 PROPTEST_FAILURE_PERSISTENCE=off
+host=$(rustc -vV | sed -n 's/^host: //p')
+target=$(realpath -m "${CARGO_TARGET_DIR:-target}")/audit
+[ $# -gt 0 ] || set -- threads miri rust-version advisories
+skip() { echo "SKIPPED: $1: $2" >&2; }
+component() { rustup component add --toolchain nightly "$@" >/dev/null 2>&1; }
+
+for check in "$@"; do
+    echo "== $check"
+    case $check in
+    threads)
+        component rust-src || { skip threads "no nightly with rust-src"; continue; }
+        RUSTFLAGS=-Zsanitizer=thread CARGO_TARGET_DIR=$target/threads cargo +nightly test -Zbuild-std --target "$host" --locked \
+            --no-default-features --features mmap --test threads
+        ;;
+    miri)
+        component miri rust-src || { skip miri "no nightly with miri"; continue; }
+        # Miri errs in the system's functions on purpose; the tests compare with them.
+        export MIRIFLAGS="-Zmiri-disable-isolation -Zmiri-deterministic-floats" PROPTEST_CASES=3
+        skipped=(decode::tests importance lint horizon cosines_agree profile mask)
+        CARGO_TARGET_DIR=$target/miri cargo +nightly miri test --locked --no-default-features --lib -- "${skipped[@]/#/--skip=}"
+        ;;
+    rust-version)
+        oldest=$(sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
+        rustup toolchain install "$oldest" --profile minimal >/dev/null 2>&1 || { skip rust-version "no Rust $oldest"; continue; }
+        for manifest in Cargo.toml tools/capi/Cargo.toml; do
+            CARGO_TARGET_DIR=$target/oldest cargo "+$oldest" check --locked --manifest-path "$manifest" --all-targets
+        done
+        ;;
+    advisories)
+        command -v cargo-deny >/dev/null || { skip advisories "no cargo-deny (cargo install cargo-deny --locked)"; continue; }
+        for manifest in Cargo.toml tools/capi/Cargo.toml tools/python/Cargo.toml fuzz/Cargo.toml; do
+            cargo deny --manifest-path "$manifest" check --config "$PWD/deny.toml"
+        done
+        ;;
+    *) echo "no check of the name $check" >&2; exit 2 ;;
+    esac
+done
