@@ -18,8 +18,10 @@ pub mod trace;
 
 use csbrdf::format::Limits;
 
+type Body = fn(&[u8]);
+
 /// Target and body.
-pub const ALL: [(&str, fn(&[u8])); 12] = [
+pub const ALL: [(&str, Body); 12] = [
     ("open", open::run),
     ("block", block::run),
     ("file", file::run),
