@@ -201,6 +201,15 @@ impl<D: AsRef<[u8]>> Reader<D> {
         self.directory.find(directory::INDEX).map_or(0, |section| section.crc)
     }
 
+    /// Where a block's record is in the file, be it damaged or not.
+    ///
+    /// # Errors
+    /// `InvalidArgument` if there is no such block.
+    pub fn record_range(&self, block: usize) -> Result<std::ops::Range<usize>> {
+        self.place(block)?;
+        Ok(self.index.record(block))
+    }
+
     /// Bytes of a block's record.
     pub(crate) fn record_length(&self, block: usize) -> usize {
         self.index.record(block).len()

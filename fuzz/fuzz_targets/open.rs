@@ -1,18 +1,9 @@
-//! Opening arbitrary bytes: header sections, index, metadata, and what can be asked without touching a block.
 #![no_main]
 
-use csbrdf::decode::Reader;
-use csbrdf::eval::Brdf;
-use libfuzzer_sys::fuzz_target;
+use libfuzzer_sys::{fuzz_mutator, fuzz_target};
 
-fuzz_target!(|data: &[u8]| {
-    let Ok(reader) = Reader::open(data) else { return };
-    let _ = reader.metadata();
-    let shape = reader.grid().shape();
-    let last = shape.map(|n| n - 1);
-    let (block, index) = reader.partition().locate(last).expect("inside the grid");
-    let place = reader.partition().block(block).expect("an existing block");
-    assert!(index < place.positions());
-    assert_eq!(reader.partition().locate(shape), None);
-    let _ = Brdf::open(reader);
+fuzz_target!(init: csbrdf_fuzz::on_one_thread(), |data: &[u8]| csbrdf_fuzz::bodies::open::run(data));
+
+fuzz_mutator!(|data: &mut [u8], size: usize, max_size: usize, seed: u32| {
+    csbrdf_fuzz::mutate::sections(data, size, max_size, seed, 0)
 });

@@ -45,6 +45,11 @@ pub(super) fn quantize(blocks: &[Filled], components: usize, step: f32, rounding
         }
         Some(quantized)
     };
+    // Before the training: what the scalar quantiser holds may be too much for the finer step.
+    let largest = blocks.iter().flat_map(|block| &block.coefficients).fold(0f32, |most, c| most.max(c.abs()));
+    if largest / (STEP * step) >= MAX_MAGNITUDE as f32 - 2.0 {
+        return None;
+    }
     let training: Vec<(&Filled, Quantized)> =
         blocks.par_iter().step_by(TRAINING).map(|block| Some((block, scalar(block)?))).collect::<Option<_>>()?;
     // The costs of scalar quantisation find first paths, those give the costs of the paths.
@@ -66,10 +71,6 @@ pub(super) fn quantize(blocks: &[Filled], components: usize, step: f32, rounding
         .map_init(Walk::default, |walk, block| {
             let mut quantized = scalar(block)?;
             let n: usize = block.shape.iter().product();
-            let largest = block.coefficients.iter().fold(0f32, |most, c| most.max(c.abs()));
-            if largest / step >= MAX_MAGNITUDE as f32 - 2.0 {
-                return None;
-            }
             choose(walk, &mut Counter::new(CONTEXTS), block, &mut quantized.coefficients, &costs, step);
             quantized.shortfall = Default::default();
             for (component, values) in block.coefficients.chunks_exact(n).enumerate() {
@@ -239,6 +240,8 @@ mod tests {
     fn what_the_format_cannot_hold_is_refused() {
         let block = |c: f32| vec![Filled { shape: [1, 1, 1, 3], coefficients: vec![0.0, c, 0.0] }];
         assert!(quantize(&block(1e6), 1, 0.1, 0.4).is_some());
+        // Within the scalar quantiser's range, beyond that of the finer step.
+        assert!(quantize(&block(1.5e6), 1, 0.1, 0.4).is_none());
         assert!(quantize(&block(1e7), 1, 0.1, 0.4).is_none());
         assert!(quantize(&block(f32::INFINITY), 1, 0.1, 0.4).is_none());
         let nothing = [Filled { shape: [1, 1, 1, 3], coefficients: Vec::new() }];

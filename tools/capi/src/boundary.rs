@@ -7,7 +7,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use codec::Error;
 
-use crate::csbrdf_status::{self, *};
+use super::csbrdf_status::{self, *};
 
 thread_local! {
     static LAST_ERROR: RefCell<String> = const { RefCell::new(String::new()) };

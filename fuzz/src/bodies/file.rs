@@ -1,0 +1,47 @@
+//! A whole file of arbitrary bytes, under tight limits: opened, verified, decoded, evaluated.
+
+use csbrdf::decode::{Pruned, Reader};
+use csbrdf::eval::Brdf;
+
+use super::seal::sealed;
+use super::{LIMITS, is_value, same_bits};
+
+pub fn run(data: &[u8]) {
+    let data = sealed(data);
+    let Ok(reader) = Reader::open_with_limits(&data[..], LIMITS) else { return };
+    let reader = reader.with_pruned(Pruned::Coarse);
+    let channels = reader.grid().channels().len();
+    if reader.grid().positions() * channels > LIMITS.table_values {
+        assert!(reader.decode_all().is_err() && reader.decode_table().is_err() && reader.verify().len() == 1);
+        return;
+    }
+    let damage = reader.verify();
+    let decoded = reader.decode_all();
+    // The table's way and the blocks' way agree on what can be decoded.
+    let each = |block| reader.block_into(block, &mut vec![0.0; reader.block_values(block).expect("a block")]);
+    assert_eq!(decoded.is_ok(), (0..reader.block_count()).all(|block| each(block).is_ok()));
+    assert!(decoded.is_ok() || !damage.is_empty(), "verify misses what does not decode");
+    if let Ok(values) = &decoded {
+        assert!(values.iter().all(is_value));
+        let table = reader.decode_table().expect("all blocks decode");
+        assert!(table.values().iter().all(|v| v.is_finite() && *v >= 0.0));
+        if let Ok(exact) = reader.exact_table() {
+            assert_eq!(exact.len(), values.len());
+        }
+    }
+    for block in 0..reader.block_count().min(4) {
+        let _ = (reader.block_info(block), reader.block_origin(block));
+    }
+    if let Ok(brdf) = Brdf::open(reader) {
+        let (wi, wo) = ([[0.1, 0.2, 0.9], [0.0, 0.0, 1.0]], [[-0.6, 0.1, 0.7], [0.9, 0.0, 0.1]]);
+        let (mut value, mut many) = (vec![f32::NAN; channels], vec![f32::NAN; 2 * channels]);
+        let single = brdf.eval_into(wi[0], wo[0], &mut value);
+        assert!(single.is_ok() || decoded.is_err(), "what decodes can be evaluated");
+        if single.is_ok() {
+            assert!(value.iter().all(is_value));
+            if brdf.eval_many(&wi, &wo, &mut many).is_ok() {
+                assert!(same_bits(&many[..channels], &value));
+            }
+        }
+    }
+}

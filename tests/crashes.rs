@@ -1,0 +1,89 @@
+//! Inputs that once failed a fuzz target, or come close to it: each goes through the body of its target, which it names,
+//! `tests/crashes/TARGET-WHAT.EXTENSION`. Checksums are put right first, as the fuzzer has the decoder ignore them.
+#![cfg(feature = "cli")]
+// The C ABI's body.
+#![allow(unsafe_code)]
+
+// The C ABI calls the codec so.
+extern crate csbrdf as codec;
+
+// The mutator of files needs more of it.
+#[allow(dead_code)]
+#[path = "../fuzz/src/bodies/mod.rs"]
+mod bodies;
+
+use std::path::Path;
+
+use bodies::golden::GOLDEN;
+use bodies::{capi, eval, stale};
+
+fn folder(name: &str) -> Vec<(String, Vec<u8>)> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests").join(name);
+    let paths = std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path());
+    let named = |path: &Path| path.file_name().unwrap().to_str().unwrap().to_string();
+    let mut files: Vec<_> = paths.map(|path| (named(&path), std::fs::read(&path).unwrap())).collect();
+    files.sort();
+    files
+}
+
+fn body(target: &str) -> fn(&[u8]) {
+    bodies::ALL.iter().find(|(name, _)| *name == target).unwrap_or_else(|| panic!("no target {target}")).1
+}
+
+#[test]
+fn no_input_fails_its_target_again() {
+    let inputs = folder("crashes");
+    assert!(!inputs.is_empty());
+    for (name, bytes) in inputs {
+        println!("{name}");
+        let target = name.split(['-', '.']).next().unwrap();
+        body(target)(&bytes);
+    }
+}
+
+/// What the fuzzer starts from passes every target that takes a file.
+#[test]
+fn golden_files_pass_the_targets() {
+    for (name, file) in GOLDEN {
+        println!("{name}");
+        for target in ["open", "file"] {
+            body(target)(file);
+        }
+        for (target, head) in [("eval", eval::HEAD), ("stale", stale::HEAD), ("capi", capi::HEAD)] {
+            for fill in [0, 7, 0x45] {
+                body(target)(&[&vec![fill; head], *file].concat());
+            }
+        }
+    }
+}
+
+#[test]
+fn no_golden_file_is_left_out() {
+    let files = folder("data/v1").into_iter().filter_map(|(name, _)| name.strip_suffix(".csbrdf").map(String::from));
+    let (mut there, mut named): (Vec<_>, Vec<_>) = (files.collect(), GOLDEN.iter().map(|(name, _)| *name).collect());
+    there.sort();
+    named.sort();
+    assert_eq!(there, named);
+}
+
+/// Checksums put right are those that the encoder wrote: of every part, or damage would not get past them.
+#[test]
+fn sealing_restores_every_checksum() {
+    use csbrdf::decode::{Pruned, Reader};
+    for (name, file) in GOLDEN {
+        assert!(bodies::seal::sealed(file) == *file, "{name}");
+        let reader = Reader::open(*file).unwrap();
+        let mut torn = file.to_vec();
+        for block in 0..reader.block_count() {
+            let end = reader.record_range(block).unwrap().end;
+            torn[end - 4..end].fill(0x55);
+        }
+        if let Some(exact) = reader.directory().sections().iter().find(|s| s.name() == "EXCT") {
+            torn[exact.range.end - 4..exact.range.end].fill(0x55);
+        }
+        torn[28..32].fill(0);
+        let sealed = bodies::seal::sealed(&torn);
+        assert!(sealed == *file, "{name}");
+        assert!(Reader::open(&sealed[..]).unwrap().with_pruned(Pruned::Coarse).verify().is_empty(), "{name}");
+    }
+}
