@@ -1,5 +1,8 @@
 //! The reader: opens a file, rebuilds single blocks or the whole table (spec section 5).
 
+mod batches;
+#[cfg(all(test, feature = "encode"))]
+mod bombs;
 mod contents;
 pub(crate) mod lossless;
 pub(crate) mod point;
@@ -61,6 +64,37 @@ impl Reader<memmap2::Mmap> {
     }
 }
 
+/// The sections that all blocks share, but for the index.
+pub(crate) fn read_header(bytes: &[u8], directory: &Directory, limits: &Limits) -> Result<Header> {
+    let grid = header::read_grid(directory.open(bytes, directory::GRID)?)?;
+    let channels = grid.channels().len();
+    let draft = directory.version().2;
+    let compact = is_compact(draft);
+    let coding = header::read_coding(directory.open(bytes, directory::CODING)?, channels, draft)?;
+    let partition = header::read_partition(directory.open(bytes, directory::PARTITION)?, &grid)?;
+    let limit = limits.block_values.min(MAX_BLOCK_VALUES);
+    // Within the format's limits: no overflow.
+    let values = partition.largest_block() * channels;
+    if values > limit {
+        return Err(Error::LimitExceeded { what: "values of a block", got: values as u64, limit: limit as u64 });
+    }
+    let contexts = if compact { contexts(coding.quantization) } else { ZEROS };
+    let probabilities = read_probabilities(directory.open(bytes, directory::PROBABILITIES)?, contexts, draft)?;
+    let profile = match directory.find(directory::PROFILE) {
+        Some(_) if compact => Some(read_profile(directory.open(bytes, directory::PROFILE)?, &grid)?),
+        Some(section) => {
+            let what = "a grazing profile in a draft that has none";
+            return Err(Error::corrupt("GRAZ", section.range.start as u64, what));
+        }
+        None => None,
+    };
+    // It is decoded as a whole, whatever block is asked for.
+    if let Some(values) = profile.as_ref().map(|profile| profile.values(&grid)).filter(|values| *values > limit) {
+        return Err(Error::LimitExceeded { what: "values of the profile", got: values as u64, limit: limit as u64 });
+    }
+    Ok(Header::new(grid, coding, partition, probabilities).with_profile(profile))
+}
+
 impl<D: AsRef<[u8]>> Reader<D> {
     /// Opens a file: checks the header sections and the whole index, touches no record.
     ///
@@ -74,36 +108,20 @@ impl<D: AsRef<[u8]>> Reader<D> {
     pub fn open_with_limits(data: D, limits: Limits) -> Result<Reader<D>> {
         let bytes = data.as_ref();
         let directory = Directory::read(bytes)?;
-        let grid = header::read_grid(directory.open(bytes, directory::GRID)?)?;
-        let channels = grid.channels().len();
-        let draft = directory.version().2;
-        let compact = is_compact(draft);
-        let coding = header::read_coding(directory.open(bytes, directory::CODING)?, channels, draft)?;
-        let partition = header::read_partition(directory.open(bytes, directory::PARTITION)?, &grid)?;
-        let limit = limits.block_values.min(MAX_BLOCK_VALUES);
-        // Within the format's limits: no overflow.
-        let values = partition.largest_block() * channels;
-        if values > limit {
-            return Err(Error::LimitExceeded { what: "values of a block", got: values as u64, limit: limit as u64 });
-        }
-        let contexts = if compact { contexts(coding.quantization) } else { ZEROS };
-        let probabilities = read_probabilities(directory.open(bytes, directory::PROBABILITIES)?, contexts, draft)?;
-        let profile = match directory.find(directory::PROFILE) {
-            Some(_) if compact => Some(read_profile(directory.open(bytes, directory::PROFILE)?, &grid)?),
-            Some(section) => {
-                let what = "a grazing profile in a draft that has none";
-                return Err(Error::corrupt("GRAZ", section.range.start as u64, what));
-            }
-            None => None,
-        };
+        let header = read_header(bytes, &directory, &limits)?;
         let records = directory.require(directory::RECORDS)?;
         let index = directory.open(bytes, directory::INDEX)?;
-        let index = match compact {
-            true => Index::read(index, &partition, channels, records)?,
+        let (partition, channels) = (&header.partition, header.grid.channels().len());
+        let index = match is_compact(directory.version().2) {
+            true => Index::read(index, partition, channels, records)?,
             false => Index::read_plain(index, partition.block_count(), channels, records)?,
         };
-        let header = Header::new(grid, coding, partition, probabilities).with_profile(profile);
         Ok(Reader { data, limits, directory, header, index, pruned: Pruned::default() })
+    }
+
+    /// A reader of parts that were put together from a damaged file.
+    pub(crate) fn of(data: D, limits: Limits, directory: Directory, header: Header, index: Index) -> Reader<D> {
+        Reader { data, limits, directory, header, index, pruned: Pruned::default() }
     }
 
     /// The same with another answer for blocks that were pruned.

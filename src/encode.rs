@@ -101,6 +101,7 @@ pub struct Encoder {
     channels: Channels,
     contract: Option<Contract>,
     lossless: bool,
+    spare: Option<bool>,
     metadata: Metadata,
 }
 
@@ -178,13 +179,20 @@ impl Encoder {
             channels: Channels::Opponent,
             contract: None,
             lossless: false,
+            spare: None,
             metadata: Metadata::default(),
         }
     }
 
-    /// All settings but seed, metadata and [`Encoder::lossless`] from a preset.
+    /// All settings but seed, metadata, [`Encoder::lossless`] and [`Encoder::spare`] from a preset.
     pub fn preset(self, preset: Preset) -> Encoder {
-        let base = Encoder { seed: self.seed, metadata: self.metadata, lossless: self.lossless, ..Encoder::new() };
+        let base = Encoder {
+            seed: self.seed,
+            metadata: self.metadata,
+            lossless: self.lossless,
+            spare: self.spare,
+            ..Encoder::new()
+        };
         match preset {
             Preset::Archive => base,
             Preset::Paper => Encoder {
@@ -309,6 +317,12 @@ impl Encoder {
         Encoder { lossless, ..self }
     }
 
+    /// Whether the file also holds a spare copy of all that blocks cannot be decoded without, for [`crate::salvage`]: some 2 to 4 kB.
+    /// If not told, lossless files do.
+    pub fn spare(self, spare: bool) -> Encoder {
+        Encoder { spare: Some(spare), ..self }
+    }
+
     /// Provenance to store; the encoder adds its settings and what it achieved.
     pub fn metadata(self, metadata: Metadata) -> Encoder {
         Encoder { metadata, ..self }
@@ -410,7 +424,8 @@ impl Encoder {
 
     /// The bytes of a trial's file, with what it says of its contract.
     fn finish(&self, trial: &Trial, contract: Option<Value>) -> Result<Vec<u8>> {
-        Ok(trial.packed.finish(&self.describe(trial, contract)?.write()?))
+        let spare = self.spare.unwrap_or(self.lossless);
+        Ok(trial.packed.finish(&self.describe(trial, contract)?.write()?, spare))
     }
 
     /// The table recovered as a whole, if that is what the settings ask for.

@@ -11,6 +11,7 @@ pub mod metadata;
 pub(crate) mod probabilities;
 pub(crate) mod profile;
 pub mod record;
+pub(crate) mod spare;
 
 /// First bytes of every file. The high bit and the line ends show text-mode damage, the 0x1A stops `type`.
 pub const MAGIC: [u8; 8] = [0x8B, b'C', b'S', b'B', b'\r', b'\n', 0x1A, b'\n'];
@@ -97,9 +98,10 @@ pub const EPS_RANGE: std::ops::RangeInclusive<f64> = 1e-300..=1e30;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// Most values (positions times channels) of a table that is decoded or verified as a whole. A decode holds the
-    /// result (4 bytes a value, 9 with validity in double precision) and a batch of at most 2^22 values or 4 blocks.
+    /// result (4 bytes a value, 9 with validity in double precision), at most 64 MB of row addresses or a batch of some 2^22 values, and a
+    /// block a thread. Its time is at most some 0.5 us a value, where every coefficient is coded and blocks are as long as they may be.
     pub table_values: usize,
-    /// Most values of one block, at most [`MAX_BLOCK_VALUES`]; rebuilding it takes some 20 bytes a value.
+    /// Most values of one block, at most [`MAX_BLOCK_VALUES`], and of a table of the profile; rebuilding it takes some 20 bytes a value.
     pub block_values: usize,
 }
 

@@ -87,6 +87,7 @@ pub mod quantize;
 mod range;
 #[cfg(feature = "encode")]
 pub mod render;
+pub mod salvage;
 pub mod sample;
 mod simd;
 #[cfg(feature = "encode")]

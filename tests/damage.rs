@@ -221,3 +221,49 @@ fn any_exact_bits_are_survived() {
     }
     assert!(refused > 100, "{refused}");
 }
+
+/// Places of 64 bytes changed for each other, and zeros written over sectors and parts of them.
+#[test]
+fn swapped_and_zeroed_pieces_are_detected() {
+    let good = file();
+    let piece = |at: usize| at..(at + 64).min(good.len());
+    let (mut swaps, mut zeros) = (0, 0);
+    for a in (0..good.len() - 64).step_by(64) {
+        for b in (a + 64..good.len() - 63).step_by(64) {
+            let mut bad = good.to_vec();
+            bad[piece(a)].copy_from_slice(&good[piece(b)]);
+            bad[piece(b)].copy_from_slice(&good[piece(a)]);
+            if bad != good {
+                assert!(first_error(&bad).is_some(), "{a} and {b}");
+                swaps += 1;
+            }
+        }
+    }
+    for size in [1, 8, 64, 512, 4096] {
+        for at in (0..good.len()).step_by(size) {
+            let mut bad = good.to_vec();
+            bad[at..(at + size).min(good.len())].fill(0);
+            if bad != good {
+                assert!(first_error(&bad).is_some(), "{size} bytes at {at}");
+                zeros += 1;
+            }
+        }
+    }
+    assert!(swaps > 100 && zeros > 1000, "{swaps}, {zeros}");
+}
+
+/// Some bytes changed at random, in one place or many.
+#[test]
+fn random_damage_is_detected() {
+    let good = file();
+    let mut random = csbrdf::sample::SplitMix64(11);
+    for round in 0..3000u64 {
+        let mut bad = good.to_vec();
+        for _ in 0..1 + round % 5 {
+            let length = 1 + random.next_u64() as usize % [1, 4, 40][round as usize % 3];
+            let at = random.next_u64() as usize % (good.len() - length);
+            bad[at..at + length].fill_with(|| random.next_u64() as u8);
+        }
+        assert!(bad == good || first_error(&bad).is_some(), "round {round}");
+    }
+}

@@ -187,6 +187,7 @@ fn features() -> Result<Vec<(&'static str, Encoder, BrdfTable)>, Failure> {
     let drawn = Recipe { noise: 0.003, seed: 3, ..recipe("satin-paint")? }.synthesise(&small([12, 12, 18])?)?;
     let drawn_encoder = Encoder::new().preset(Preset::Paper).block_shape(&[6, 12, 9]).sampling(ratio).seed(5);
     Ok(vec![
+        ("dct-spare", Encoder::new().block_shape(&[6, 9, 12]).spare(true), drawn.clone()),
         ("dct-dependent-profile", Encoder::new(), grazing(small([30, 30, 36])?)?),
         ("dct-dependent", Encoder::new().quality(0.02).block_shape(&[6, 7, 24]), rough.clone()),
         ("dft-dependent", Encoder::new().basis(Basis::Dft).quality(0.05), even),

@@ -30,7 +30,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
     }
 
     /// Where the parts of the blocks are. Read when bits are asked for: damage there does not keep values from being decoded.
-    pub(super) fn exact_index(&self) -> Result<ExactIndex> {
+    pub(crate) fn exact_index(&self) -> Result<ExactIndex> {
         if !self.is_lossless() {
             let what = "the file does not hold the exact values; encode the table with --lossless to keep them";
             return Err(Error::InvalidArgument(what.into()));
@@ -39,7 +39,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
         ExactIndex::read(self.data.as_ref(), section, self.block_count(), self.grid().channels().len())
     }
 
-    pub(super) fn exact_bits(
+    pub(crate) fn exact_bits(
         &self,
         index: &ExactIndex,
         block: usize,
@@ -87,9 +87,16 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
     pub fn exact_table(&self) -> Result<Vec<f64>> {
         let index = self.exact_index()?;
         let mut values = vec![0f64; self.check_table_size()?];
-        for_each_block(self.partition().rows_by_block(&mut values), |scratch, block, rows| {
+        let decode = |scratch: &mut Scratch, block| {
             let (_, bits) = self.exact_bits(&index, block, scratch)?;
-            copy_rows(rows, &bits.into_iter().map(f64::from_bits).collect::<Vec<f64>>());
+            Ok(bits.into_iter().map(f64::from_bits).collect::<Vec<f64>>())
+        };
+        if self.has_short_rows() {
+            self.in_batches(decode, |block, exact| self.scatter(block, &exact, &mut values))?;
+            return Ok(values);
+        }
+        for_each_block(self.partition().rows_by_block(&mut values), |scratch, block, rows| {
+            copy_rows(rows, &decode(scratch, block)?);
             Ok(())
         })?;
         Ok(values)

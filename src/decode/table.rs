@@ -2,10 +2,12 @@
 
 use super::{Reader, Scratch};
 use crate::error::{Error, Result};
-#[cfg(feature = "metadata")]
-use crate::format::directory;
+use crate::format::{directory, spare};
 use crate::table::BrdfTable;
 use crate::tone::inverse_tone_map_f64;
+
+/// Places that a verification lists, and blocks that it looks at together.
+const MAX_LISTED: usize = 1 << 16;
 
 impl<D: AsRef<[u8]> + Sync> Reader<D> {
     /// The whole table: BRDF values in 1/sr, one plane per channel, last axis fastest. Missing entries hold what
@@ -27,6 +29,13 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
         let expected = self.check_table_size()?;
         if values.len() != expected {
             return Err(Error::InvalidArgument(format!("the table has {expected} values, not {}", values.len())));
+        }
+        if self.has_short_rows() {
+            let decode = |scratch: &mut Scratch, block| {
+                self.decode_log(block, scratch)?;
+                Ok(self.header.values(scratch).to_vec())
+            };
+            return self.in_batches(decode, |block, decoded| self.scatter(block, &decoded, values));
         }
         for_each_block(self.partition().rows_by_block(values), |scratch, block, rows| {
             if self.coding().correction.is_some() {
@@ -55,9 +64,7 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
         let mut values = vec![0f64; size];
         let mut valid = vec![false; size];
         let eps = self.header.coding.eps;
-        let partition = self.partition();
-        let blocks = partition.rows_by_block(&mut values).into_iter().zip(partition.rows_by_block(&mut valid));
-        for_each_block(blocks.collect(), |scratch, block, (values, valid)| {
+        let decode = |scratch: &mut Scratch, block| {
             let place = self.decode_log(block, scratch)?;
             let mut decoded = Vec::with_capacity(scratch.log.len());
             for (log, channel) in scratch.log.chunks_exact(place.positions()).zip(self.grid().channels()) {
@@ -65,15 +72,28 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
                 let unscale = |log: f32| (inverse_tone_map_f64(log, eps) / channel.scale).min(f64::MAX);
                 decoded.extend(log.iter().map(|&log| unscale(log)));
             }
+            Ok((decoded, self.header.masks_of(&place, scratch)))
+        };
+        if self.has_short_rows() {
+            self.in_batches(decode, |block, (decoded, masks)| {
+                self.scatter(block, &decoded, &mut values);
+                self.scatter(block, &masks, &mut valid);
+            })?;
+            return BrdfTable::from_parts(self.grid().clone(), values, valid);
+        }
+        let partition = self.partition();
+        let blocks = partition.rows_by_block(&mut values).into_iter().zip(partition.rows_by_block(&mut valid));
+        for_each_block(blocks.collect(), |scratch, block, (values, valid)| {
+            let (decoded, masks) = decode(scratch, block)?;
             copy_rows(values, &decoded);
-            copy_rows(valid, &self.header.masks_of(&place, scratch));
+            copy_rows(valid, &masks);
             Ok(())
         })?;
         BrdfTable::from_parts(self.grid().clone(), values, valid)
     }
 
     /// Checks every byte: all sections' checksums and, block by block, that each record and what restores its bits decodes.
-    /// Returns what is damaged; nothing if the file is intact. A table above the caller's limit is not looked at:
+    /// Returns what is damaged, not much more than the first 65,536 places; nothing if the file is intact. A table above the caller's limit is not looked at:
     /// that is the one error then.
     pub fn verify(&self) -> Vec<Error> {
         if let Err(e) = self.check_table_size() {
@@ -92,6 +112,10 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
                 damage.extend(self.metadata().err());
             }
         }
+        if damage.is_empty() && !spare::agrees(self.data.as_ref(), &self.directory) {
+            let offset = self.directory.find(directory::SPARE).map_or(0, |section| section.range.start as u64);
+            damage.push(Error::corrupt(directory::SPARE, offset, "is no copy of the sections before RECS"));
+        }
         let exact = match self.is_lossless().then(|| self.exact_index()).transpose() {
             Ok(exact) => exact,
             Err(e) => {
@@ -101,12 +125,20 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
         };
         let check = |scratch: &mut Scratch, block: usize| {
             let record = self.record(block).and_then(|record| self.rebuild(block, &record, scratch)).err();
-            let bits = exact.as_ref().filter(|_| record.is_none());
-            Ok([record, bits.and_then(|index| self.exact_bits(index, block, scratch).err())])
+            // What was lost and is marked so is no damage any more.
+            let bits = exact.as_ref().filter(|exact| record.is_none() && !exact.is_lost(self.data.as_ref(), block));
+            let bits = bits.and_then(|index| self.exact_bits(index, block, scratch).err());
+            Ok([record, bits.filter(|e| !matches!(e, Error::Pruned { .. }))])
         };
-        match map_blocks(0..self.block_count(), check) {
-            Ok(found) => damage.extend(found.into_iter().flatten().flatten()),
-            Err(e) => damage.push(e),
+        // Some at a time: what is found of a block takes more memory than many a block.
+        for first in (0..self.block_count()).step_by(MAX_LISTED) {
+            match map_blocks(first..self.block_count().min(first + MAX_LISTED), check) {
+                Ok(found) => damage.extend(found.into_iter().flatten().flatten().take(MAX_LISTED)),
+                Err(e) => damage.push(e),
+            }
+            if damage.len() >= MAX_LISTED {
+                break;
+            }
         }
         damage
     }
@@ -131,7 +163,7 @@ impl Scratches {
 
 /// `work` on every block, in order of their numbers; the first error ends it.
 #[cfg(feature = "parallel")]
-fn map_blocks<T: Send>(
+pub(super) fn map_blocks<T: Send>(
     blocks: std::ops::Range<usize>,
     work: impl Fn(&mut Scratch, usize) -> Result<T> + Sync + Send,
 ) -> Result<Vec<T>> {
@@ -141,7 +173,10 @@ fn map_blocks<T: Send>(
 }
 
 #[cfg(not(feature = "parallel"))]
-fn map_blocks<T>(blocks: std::ops::Range<usize>, work: impl Fn(&mut Scratch, usize) -> Result<T>) -> Result<Vec<T>> {
+pub(super) fn map_blocks<T>(
+    blocks: std::ops::Range<usize>,
+    work: impl Fn(&mut Scratch, usize) -> Result<T>,
+) -> Result<Vec<T>> {
     let mut scratch = Scratch::default();
     blocks.map(|block| work(&mut scratch, block)).collect()
 }

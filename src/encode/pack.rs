@@ -10,7 +10,7 @@ use crate::decode::lossless::decode_bits;
 use crate::decode::{CONTEXTS, CORRECTIONS, Header, MASKS, Scratch, ZEROS, contexts, without_zeros};
 use crate::entropy::{Walk, find_extents};
 use crate::error::{Error, Result};
-use crate::format::directory::{self, write_file};
+use crate::format::directory::{self, write_file, write_file_with_spare};
 use crate::format::header::{Coding, write_coding, write_grid, write_partition};
 use crate::format::index::{Entry, encode_error, write_index};
 use crate::format::lossless::write_exact;
@@ -357,8 +357,8 @@ fn measure(table: &BrdfTable, block: &Block, eps: f64, decoded: &[f32]) -> Block
 }
 
 impl Packed {
-    /// The whole file.
-    pub(super) fn finish(&self, metadata: &[u8]) -> Vec<u8> {
+    /// The whole file, with a spare copy of its head if that is asked for.
+    pub(super) fn finish(&self, metadata: &[u8], spare: bool) -> Vec<u8> {
         let mut sections = vec![
             (directory::GRID, false, self.grid.clone()),
             (directory::CODING, false, self.coding.clone()),
@@ -372,6 +372,9 @@ impl Packed {
             (directory::RECORDS, false, self.records.clone()),
         ]);
         sections.extend(self.exact.clone().map(|exact| (directory::EXACT, true, exact)));
-        write_file(DEPENDENT_DRAFT, &sections)
+        match spare {
+            true => write_file_with_spare(DEPENDENT_DRAFT, sections),
+            false => write_file(DEPENDENT_DRAFT, &sections),
+        }
     }
 }

@@ -21,6 +21,7 @@ pub(crate) const INDEX: &str = "INDX";
 pub(crate) const METADATA: &str = "META";
 pub(crate) const RECORDS: &str = "RECS";
 pub(crate) const EXACT: &str = "EXCT";
+pub(crate) const SPARE: &str = "SPAR";
 
 /// Name used in errors for the bytes before the first section.
 const DIRECTORY: &str = "section table";
@@ -56,6 +57,11 @@ pub struct Directory {
 }
 
 impl Directory {
+    /// A directory of sections that are put together anew.
+    pub(crate) fn of(version: (u16, u16, u16), sections: Vec<Section>) -> Directory {
+        Directory { version, sections }
+    }
+
     /// Reads preamble, section table and end marker; touches no section.
     pub(crate) fn read(data: &[u8]) -> Result<Directory> {
         // Magic: eight bytes that show text-mode damage.
@@ -134,7 +140,7 @@ impl Directory {
 
     /// Every known section at most once; unknown ones only if they may be skipped.
     fn check_names(&self) -> Result<()> {
-        let known = [GRID, CODING, PARTITION, PROBABILITIES, PROFILE, INDEX, METADATA, RECORDS, EXACT];
+        let known = [GRID, CODING, PARTITION, PROBABILITIES, PROFILE, INDEX, METADATA, RECORDS, EXACT, SPARE];
         for (i, section) in self.sections.iter().enumerate() {
             let at = (PREAMBLE + i * ENTRY) as u64;
             if !known.iter().any(|name| name.as_bytes() == section.id) {
@@ -185,6 +191,15 @@ impl Directory {
     }
 }
 
+/// CRC-32 of the preamble and the section table at the start of a file, as it should be; `None` if the table is cut.
+pub(crate) fn table_crc(head: &[u8]) -> Option<u32> {
+    let count = usize::from(u16::from_le_bytes([*head.get(14)?, *head.get(15)?]));
+    let mut hasher = crc32fast::Hasher::new();
+    hasher.update(&head[..PREAMBLE - 4]);
+    hasher.update(head.get(PREAMBLE..PREAMBLE + count * ENTRY)?);
+    Some(hasher.finalize())
+}
+
 /// Fails unless the checksums agree. Fuzzing goes past checksums, which it could not guess.
 pub(crate) fn check_crc(section: &'static str, offset: u64, expected: u32, got: u32) -> Result<()> {
     if expected == got || cfg!(fuzzing) {
@@ -215,12 +230,24 @@ fn not_csbrdf(data: &[u8]) -> Error {
 }
 
 #[cfg(feature = "encode")]
-pub(crate) use write::write_file;
+pub(crate) use write::{write_file, write_file_with_spare};
 
 #[cfg(feature = "encode")]
 mod write {
     use super::*;
     use crate::bits::ByteWriter;
+    use crate::format::spare;
+
+    /// As [`write_file`], with a spare copy of the sections before RECS at the end.
+    pub(crate) fn write_file_with_spare(draft: u16, mut sections: Vec<(&str, bool, Vec<u8>)>) -> Vec<u8> {
+        let table = PREAMBLE + (sections.len() + 1) * ENTRY;
+        let before = sections.iter().take_while(|(name, ..)| *name != RECORDS);
+        let head = table + before.map(|(_, _, bytes)| bytes.len()).sum::<usize>();
+        sections.push((SPARE, true, vec![0; spare::length(head)]));
+        let mut file = write_file(draft, &sections);
+        spare::fill(&mut file);
+        file
+    }
 
     /// A whole file of a draft from its sections: name, skippable, bytes.
     pub(crate) fn write_file(draft: u16, sections: &[(&str, bool, Vec<u8>)]) -> Vec<u8> {

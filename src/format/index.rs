@@ -180,6 +180,26 @@ impl Index {
         Ok(index)
     }
 
+    /// The index of records that begin at an offset of the file.
+    pub(crate) fn of(entries: &[Entry], start: usize, components: usize) -> Index {
+        let mut index = Index { offsets: vec![start], rms: Vec::new(), max: Vec::new(), means: Vec::new(), components };
+        let mut end = start;
+        for entry in entries {
+            end += entry.length as usize;
+            index.offsets.push(end);
+            index.rms.push(entry.errors[0]);
+            index.max.push(entry.errors[1]);
+            index.means.extend_from_slice(&entry.means);
+        }
+        index
+    }
+
+    /// What it says of one block.
+    pub(crate) fn entry(&self, block: usize) -> Entry {
+        let means = self.means(block).to_vec();
+        Entry { length: self.record(block).len() as u32, errors: [self.rms[block], self.max[block]], means }
+    }
+
     /// The index of drafts 1 and 2.
     pub(crate) fn read_plain(mut r: ByteReader, blocks: usize, components: usize, records: &Section) -> Result<Index> {
         // Number of blocks, the partition's.
@@ -247,6 +267,29 @@ impl Index {
     pub(crate) fn means(&self, block: usize) -> &[i32] {
         &self.means[block * self.components..(block + 1) * self.components]
     }
+}
+
+/// Calls `each` with the entries of a section from draft 3 on, which may be damaged, as long as it returns true and no mean is out of
+/// range. Gives the coded bytes that are left over; `None` if it ended before the last block.
+pub(crate) fn read_entries(
+    mut r: ByteReader,
+    partition: &Partition,
+    components: usize,
+    mut each: impl FnMut(&Entry) -> bool,
+) -> Option<usize> {
+    // Number of blocks: that of the partition, whatever is there.
+    r.u32().ok()?;
+    let mut decoder = Decoder::new(&[1 << 15; CONTEXTS], r.rest());
+    let mut chain = Chain::new(components);
+    let mut entry = chain.previous.clone();
+    for number in 0..partition.block_count() {
+        chain.code(&mut decoder, partition.positions_of(number), &mut entry);
+        let sound = entry.means.iter().all(|m| m.unsigned_abs() <= MAX_MAGNITUDE);
+        if !sound || !each(&entry) {
+            return None;
+        }
+    }
+    Some(decoder.unread())
 }
 
 /// Code of an error that is not known, or too large for the others.

@@ -22,7 +22,8 @@ pub(crate) struct ExactIndex {
 impl ExactIndex {
     /// Reads all of the section but the parts of the blocks; `data` is the file.
     pub(crate) fn read(data: &[u8], section: &Section, blocks: usize, channels: usize) -> Result<ExactIndex> {
-        let bytes = &data[section.range.clone()];
+        // Of a file that was cut, what is there.
+        let bytes = &data[section.range.start.min(data.len())..section.range.end.min(data.len())];
         let offset = section.range.start as u64;
         let mut r = ByteReader::new(bytes, offset, directory::EXACT);
         // Number of blocks.
@@ -60,9 +61,17 @@ impl ExactIndex {
         self.offsets[block]..self.offsets[block + 1]
     }
 
+    /// Whether a block's part stands for one that was lost before the file was repaired: no bytes, and the complement of their checksum.
+    pub(crate) fn is_lost(&self, data: &[u8], block: usize) -> bool {
+        data[self.part(block)] == lost_part(block as u32)
+    }
+
     /// Output of the range coder for a block, its checksum verified.
     pub(crate) fn coded<'a>(&self, data: &'a [u8], block: usize) -> Result<&'a [u8]> {
         let part = self.part(block);
+        if self.is_lost(data, block) {
+            return Err(self.corrupt(block, "its exact values were lost before the file was repaired"));
+        }
         let (coded, crc) = data[part.clone()].split_at(part.len() - CRC);
         let crc = u32::from_le_bytes(crc.try_into().expect("four bytes"));
         check_crc(directory::EXACT, part.start as u64, crc, checksum(block as u32, coded))?;
@@ -73,6 +82,11 @@ impl ExactIndex {
     pub(crate) fn corrupt(&self, block: usize, what: &str) -> Error {
         Error::corrupt(directory::EXACT, self.part(block).start as u64, format!("block {block}: {what}"))
     }
+}
+
+/// The part of a block whose exact values are lost.
+pub(crate) fn lost_part(block: u32) -> [u8; CRC] {
+    (!checksum(block, &[])).to_le_bytes()
 }
 
 #[cfg(feature = "encode")]

@@ -77,6 +77,11 @@ pub(crate) fn read_profile(mut r: ByteReader, grid: &Grid) -> Result<CodedProfil
 }
 
 impl CodedProfile {
+    /// Values of the largest table, all components.
+    pub(crate) fn values(&self, grid: &Grid) -> usize {
+        bins(grid).map_or(0, |bins| bins[0].max(bins[1])) * self.knots * grid.channels().len()
+    }
+
     /// Rebuilds the tables.
     pub(crate) fn decode(&self, grid: &Grid) -> Result<Profile, &'static str> {
         let bins = bins(grid).ok_or("a profile needs the axes theta_h, theta_d, phi_d in this order")?;

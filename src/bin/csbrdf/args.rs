@@ -11,7 +11,7 @@ Exit codes:
      --rmse, --psnr, --ratio, --size) cannot be kept, verify --against shows that a file breaks its word, or lint --strict
      has warnings
   2  usage: the arguments are wrong
-  3  an input is damaged or not of the expected format
+  3  an input is damaged or not of the expected format; also if decode --salvage or repair wrote what is left of it
   4  an input is of a version that this build does not read, or above its limits
 With several inputs: the code of the first that failed.";
 
@@ -66,6 +66,9 @@ pub enum Command {
     /// Make a smaller .csbrdf file with only the blocks that scenes look at
     #[command(after_help = EXIT_CODES)]
     Prune(PruneArgs),
+    /// Write a valid .csbrdf file with all that is left of a damaged one
+    #[command(after_help = EXIT_CODES)]
+    Repair(RepairArgs),
     /// Make a synthetic table
     #[command(after_help = EXIT_CODES)]
     Synth(SynthArgs),
@@ -144,6 +147,10 @@ pub struct EncodeArgs {
     /// the table's size and more where its values have many digits
     #[arg(long, conflicts_with_all = ["size", "ratio"])]
     pub lossless: bool,
+    /// Also keep a second copy of what no block can be decoded without, some 2 to 4 kB, for decode --salvage and repair.
+    /// --lossless files always have it
+    #[arg(long)]
+    pub spare: bool,
     /// Seed of the sampling
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
@@ -239,6 +246,9 @@ pub struct DecodeArgs {
     /// The very bytes of the MERL .binary table that the file was made from, if it was encoded with --lossless
     #[arg(long, conflicts_with_all = ["fill", "block"])]
     pub exact: bool,
+    /// Write all that is intact of a damaged file, -1 for the rest, and list what is damaged. Exits with 3 if anything is
+    #[arg(long, conflicts_with_all = ["fill", "block", "coarse"])]
+    pub salvage: bool,
     /// Replace the file if it exists
     #[arg(long, short)]
     pub force: bool,
@@ -397,6 +407,23 @@ pub struct PruneArgs {
     /// Rms error, in ln(f + eps), that each block may gain by losing its finest detail
     #[arg(long, value_name = "E", default_value_t = 0.0)]
     pub detail: f64,
+    /// Replace the file if it exists
+    #[arg(long, short)]
+    pub force: bool,
+}
+
+/// Arguments of `repair`.
+///
+/// Where nothing is lost the file is again what it was, byte for byte. Blocks that are lost become pruned ones: their means are left,
+/// decode --coarse gives them out. What was found is listed. Exits with 3 if anything is lost.
+#[derive(Debug, Args)]
+pub struct RepairArgs {
+    /// A .csbrdf file, or - for standard input
+    #[arg(value_name = "FILE")]
+    pub input: PathBuf,
+    /// Output file, - for standard output; if not given, the input's name with .repaired.csbrdf, beside it
+    #[arg(short, long, value_name = "OUT")]
+    pub output: Option<PathBuf>,
     /// Replace the file if it exists
     #[arg(long, short)]
     pub force: bool,

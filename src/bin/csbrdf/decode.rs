@@ -14,14 +14,19 @@ use crate::failure::{Failure, Outcome};
 use crate::input::{self, Bytes, is_dash};
 use crate::output::Target;
 use crate::quote::csv;
+use crate::salvage;
 use crate::text::nine_digits;
 
 /// Value of an entry that was not measured, as in MERL's tables.
-const MISSING: f32 = -1.0;
+pub const MISSING: f32 = -1.0;
 
-pub fn run(args: &DecodeArgs) -> Outcome {
+pub fn run(args: &DecodeArgs, quiet: bool) -> Outcome {
     let format = format(args)?;
     let target = target(args, format);
+    if args.salvage {
+        target.check(args.force)?;
+        return salvage::decode(args, format, &target, quiet);
+    }
     let reader = input::open(&args.input)?.with_pruned(input::pruned(args.coarse));
     if !(format == FormatArg::Csv && target == Target::Stdout) {
         target.check(args.force)?;
@@ -39,6 +44,17 @@ pub fn run(args: &DecodeArgs) -> Outcome {
         let values = reader.exact_table().map_err(failed)?;
         return target.write(args.force, |out| write_merl_values(reader.grid(), &values, out));
     }
+    write_whole(&reader, args, format, &target)
+}
+
+/// The whole table.
+pub fn write_whole<D: AsRef<[u8]> + Sync>(
+    reader: &Reader<D>,
+    args: &DecodeArgs,
+    format: FormatArg,
+    target: &Target,
+) -> Outcome {
+    let failed = |e: csbrdf::Error| Failure::in_file(&args.input, &e);
     if format == FormatArg::Binary {
         let table = reader.decode_table().map_err(failed)?;
         // Refused before a file is begun if the grid is not MERL's.
@@ -46,9 +62,9 @@ pub fn run(args: &DecodeArgs) -> Outcome {
     }
     let mut values = reader.decode_all().map_err(failed)?;
     if !args.fill {
-        mark_missing(&reader, &mut values).map_err(failed)?;
+        mark_missing(reader, &mut values).map_err(failed)?;
     }
-    target.write(args.force, |out| write_npy_f32(&values, &array_shape(&reader, reader.grid().shape()), out))
+    target.write(args.force, |out| write_npy_f32(&values, &array_shape(reader, reader.grid().shape()), out))
 }
 
 /// The format asked for by name, or else by the output's extension.
@@ -145,7 +161,7 @@ fn one_block(reader: &Reader<Bytes>, number: usize, fill: bool) -> csbrdf::Resul
     Ok(Decoded { place, values })
 }
 
-fn place(reader: &Reader<Bytes>, number: usize) -> csbrdf::Result<Block> {
+fn place<D: AsRef<[u8]>>(reader: &Reader<D>, number: usize) -> csbrdf::Result<Block> {
     let missing = || csbrdf::Error::InvalidArgument(format!("block {number} does not exist"));
     reader.partition().block(number).ok_or_else(missing)
 }
@@ -157,7 +173,7 @@ fn mark(values: &mut [f32], valid: &[bool]) {
 }
 
 /// Overwrites what the recovery filled in.
-fn mark_missing(reader: &Reader<Bytes>, values: &mut [f32]) -> csbrdf::Result<()> {
+fn mark_missing<D: AsRef<[u8]>>(reader: &Reader<D>, values: &mut [f32]) -> csbrdf::Result<()> {
     let (shape, n) = (reader.grid().shape(), reader.grid().positions());
     let mut block = Vec::new();
     for number in 0..reader.block_count() {
@@ -177,7 +193,7 @@ fn mark_missing(reader: &Reader<Bytes>, values: &mut [f32]) -> csbrdf::Result<()
 }
 
 /// Channels, then the axes of the table without the padding.
-fn array_shape(reader: &Reader<Bytes>, padded: [usize; 4]) -> Vec<usize> {
+fn array_shape<D: AsRef<[u8]>>(reader: &Reader<D>, padded: [usize; 4]) -> Vec<usize> {
     let axes = reader.grid().axes().len();
     [&[reader.grid().channels().len()], &padded[padded.len() - axes..]].concat()
 }

@@ -153,6 +153,9 @@ pub fn encoder(args: &EncodeArgs) -> Encoder {
         _ => {}
     }
     encoder = encoder.lossless(args.lossless);
+    if args.spare {
+        encoder = encoder.spare(true);
+    }
     if let Some(contract) = contract(args) {
         encoder = encoder.contract(contract);
     }

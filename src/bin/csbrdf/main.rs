@@ -17,7 +17,9 @@ mod plan;
 mod prune;
 mod quote;
 mod render;
+mod repair;
 mod report;
+mod salvage;
 mod samples;
 mod sets;
 mod study;
@@ -60,7 +62,7 @@ fn run(cli: Cli) -> Outcome {
     match cli.command {
         Command::Plan(args) => plan::run(&args, cli.quiet),
         Command::Encode(args) => encode::run(&args, cli.threads, cli.quiet),
-        Command::Decode(args) => decode::run(&args),
+        Command::Decode(args) => decode::run(&args, cli.quiet),
         Command::Info(args) => info::run(&args),
         Command::Verify(args) => verify::run(&args, cli.quiet),
         Command::Lint(args) => lint::run(&args),
@@ -68,6 +70,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Eval(args) => eval::run(&args),
         Command::Render(args) => render::run(&args, cli.quiet),
         Command::Prune(args) => prune::run(&args, cli.quiet),
+        Command::Repair(args) => repair::run(&args, cli.quiet),
         Command::Synth(args) => synth::run(&args),
         Command::Report(args) => report::run(&args, cli.threads, cli.quiet),
         Command::Demo(args) => demo::run(&args),

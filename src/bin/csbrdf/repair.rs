@@ -1,0 +1,33 @@
+//! `csbrdf repair`: a valid file from a damaged one.
+
+use csbrdf::format::Limits;
+use csbrdf::salvage::{Outcome as Cost, repair};
+
+use crate::args::RepairArgs;
+use crate::failure::{Failure, Outcome, note};
+use crate::input::{self, is_dash, label};
+use crate::output::Target;
+use crate::salvage::list;
+use crate::text::grouped;
+
+pub fn run(args: &RepairArgs, quiet: bool) -> Outcome {
+    if is_dash(&args.input) && args.output.is_none() {
+        return Err(Failure::usage("standard input has no name to make the output's from; give -o"));
+    }
+    let output = args.output.clone().unwrap_or_else(|| args.input.with_extension("repaired.csbrdf"));
+    let target = Target::of(&output);
+    target.check(args.force)?;
+    let bytes = input::read(&args.input)?;
+    let repaired = repair(bytes.as_ref(), Limits::default()).map_err(|e| Failure::in_file(&args.input, &e))?;
+    target.write(args.force, |out| Ok(out.write_all(&repaired.bytes)?))?;
+    list(&args.input, &repaired.salvaged, quiet);
+    if !quiet {
+        note(&format!("{} -> {target}: {} bytes", label(&args.input), grouped(repaired.bytes.len())));
+    }
+    match repaired.salvaged.damage().iter().any(|damage| damage.outcome == Cost::Lost) {
+        true => {
+            Err(Failure::bad_input(&args.input, format!("not all could be restored; {target} has what is left of it")))
+        }
+        false => Ok(()),
+    }
+}

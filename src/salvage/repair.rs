@@ -1,0 +1,111 @@
+//! A valid file anew from a damaged one.
+
+use serde_json::json;
+
+use super::{Damage, Outcome, Salvaged, salvage_with_limits};
+use crate::decode::Reader;
+use crate::error::{Error, Result};
+use crate::format::directory::{self, write_file, write_file_with_spare};
+use crate::format::index::{Entry, write_index};
+use crate::format::metadata::Metadata;
+use crate::format::{Limits, PRUNED_DRAFT, is_dependent};
+
+/// A repaired file.
+pub struct Repaired {
+    /// The file. That which was damaged bit for bit if nothing was lost.
+    pub bytes: Vec<u8>,
+    /// What was found, and what is lost.
+    pub salvaged: Salvaged,
+}
+
+/// Writes a valid file with all that is left of a damaged one ([`super::salvage`]).
+///
+/// Records that are intact stay byte for byte. Blocks that are lost become pruned ones, with their mean from the index; where that is
+/// lost as well, they have that of the block before. `encoder` in the metadata tells so under `repaired` and no longer states a contract
+/// or errors. Metadata that are damaged are left out. A spare copy is written anew.
+///
+/// # Errors
+/// As [`super::salvage`]; `InvalidArgument` if blocks are lost of a file of a draft before 4, whose probabilities cannot be kept.
+pub fn repair(data: &[u8], limits: Limits) -> Result<Repaired> {
+    let salvaged = salvage_with_limits(data, limits)?;
+    let (reader, was) = (salvaged.reader(), &salvaged.was);
+    // A file that is too long or has lost but its end marker is whole.
+    let whole = salvaged.damage().iter().all(|d| d.outcome == Outcome::Restored || d.section == "file");
+    if !salvaged.lost().is_empty() && !is_dependent(was.version().2) {
+        let what = "files of drafts before 4 cannot hold lost blocks; use decode --salvage and encode the table again";
+        return Err(Error::InvalidArgument(what.into()));
+    }
+    let mut sections: Vec<(String, bool, Vec<u8>)> = Vec::new();
+    for section in was.sections() {
+        let name = section.name();
+        let bytes = match &name[..] {
+            directory::SPARE => None,
+            directory::INDEX => match reader.section(directory::INDEX)? {
+                Some(bytes) if whole => Some(bytes),
+                _ => Some(index(reader)),
+            },
+            directory::METADATA if !whole => None,
+            known => match KNOWN.iter().find(|name| **name == known) {
+                Some(name) => reader.section(name)?,
+                // Of an unknown section nobody can say whether it is still true of a file that is not whole.
+                None => data.get(section.range.clone()).filter(|_| whole).map(<[u8]>::to_vec),
+            },
+        };
+        if name == directory::RECORDS && !whole {
+            sections.push((directory::METADATA.into(), true, metadata(&salvaged)?));
+        }
+        sections.extend(bytes.map(|bytes| (name, section.skippable, bytes)));
+    }
+    let draft = if salvaged.lost().is_empty() { was.version().2 } else { PRUNED_DRAFT };
+    let sections = sections.iter().map(|(name, skippable, bytes)| (&name[..], *skippable, bytes.clone())).collect();
+    let spare = was.sections().iter().any(|s| s.id == directory::SPARE.as_bytes());
+    let bytes = if spare { write_file_with_spare(draft, sections) } else { write_file(draft, &sections) };
+    Ok(Repaired { bytes, salvaged })
+}
+
+/// Sections that are taken over as they are.
+const KNOWN: [&str; 8] = [
+    directory::GRID,
+    directory::CODING,
+    directory::PARTITION,
+    directory::PROBABILITIES,
+    directory::PROFILE,
+    directory::METADATA,
+    directory::RECORDS,
+    directory::EXACT,
+];
+
+fn index(reader: &Reader<Vec<u8>>) -> Vec<u8> {
+    let entry = |block| Entry {
+        length: reader.record_length(block) as u32,
+        errors: reader.error_codes(block),
+        means: reader.means(block).to_vec(),
+    };
+    write_index(reader.partition(), &(0..reader.block_count()).map(entry).collect::<Vec<_>>())
+}
+
+/// The metadata with what was lost, without what is no longer so.
+fn metadata(salvaged: &Salvaged) -> Result<Vec<u8>> {
+    let mut metadata = salvaged.reader().metadata().unwrap_or_else(|_| Metadata::default());
+    let mut encoder = metadata.encoder.take().unwrap_or_else(|| json!({}));
+    if let Some(encoder) = encoder.as_object_mut() {
+        if !salvaged.lost().is_empty() {
+            for stale in ["contract", "corrected", "log_rms", "log_max", "valid", "sampled"] {
+                encoder.remove(stale);
+            }
+        }
+        if !salvaged.reader().is_lossless() {
+            encoder.remove("lossless");
+        }
+        let exact = |damage: &&Damage| damage.section == directory::EXACT && damage.block.is_some();
+        let exact = salvaged.damage().iter().filter(exact).count();
+        let known = salvaged.lost().iter().filter(|&&block| salvaged.has_mean(block)).count();
+        let (blocks, lost) = (salvaged.reader().block_count(), salvaged.lost().len());
+        encoder.insert(
+            "repaired".into(),
+            json!({ "blocks": blocks, "lost": lost, "means_lost": lost - known, "exact_lost": exact }),
+        );
+    }
+    metadata.encoder = Some(encoder);
+    metadata.write()
+}

@@ -1,0 +1,293 @@
+//! What is left of damaged files, and files repaired.
+#![cfg(feature = "encode")]
+
+use std::ops::Range;
+use std::sync::OnceLock;
+
+use csbrdf::decode::Reader;
+use csbrdf::encode::Encoder;
+use csbrdf::error::Error;
+use csbrdf::format::Limits;
+use csbrdf::grid::{Axis, Grid};
+use csbrdf::salvage::{Outcome, Salvaged, repair, salvage};
+use csbrdf::table::BrdfTable;
+use csbrdf::table::synth::Recipe;
+
+fn table() -> BrdfTable {
+    let lens = [10, 12, 16];
+    let merl = Grid::merl();
+    let axes: Vec<Axis> = merl.axes().iter().zip(lens).map(|(&axis, len)| Axis { len, ..axis }).collect();
+    let grid = Grid::new(axes, merl.channels().to_vec()).unwrap();
+    Recipe { holes: 0.03, noise: 0.02, ..Recipe::named("satin-paint").unwrap() }.synthesise(&grid).unwrap()
+}
+
+fn encoder() -> Encoder {
+    Encoder::new().block_shape(&[5, 3, 8]).quality(0.02)
+}
+
+fn plain() -> &'static [u8] {
+    static FILE: OnceLock<Vec<u8>> = OnceLock::new();
+    FILE.get_or_init(|| encoder().encode(&table()).unwrap().bytes)
+}
+
+fn spare() -> &'static [u8] {
+    static FILE: OnceLock<Vec<u8>> = OnceLock::new();
+    FILE.get_or_init(|| encoder().spare(true).encode(&table()).unwrap().bytes)
+}
+
+fn lossless() -> &'static [u8] {
+    static FILE: OnceLock<Vec<u8>> = OnceLock::new();
+    FILE.get_or_init(|| encoder().lossless(true).encode(&table()).unwrap().bytes)
+}
+
+fn section(bytes: &[u8], name: &str) -> Range<usize> {
+    let reader = Reader::open(bytes).unwrap();
+    reader.directory().sections().iter().find(|s| s.name() == name).unwrap().range.clone()
+}
+
+fn block<D: AsRef<[u8]>>(reader: &Reader<D>, number: usize) -> (Vec<f32>, Vec<bool>) {
+    let mut values = vec![0.0; reader.block_values(number).unwrap()];
+    reader.block_into(number, &mut values).unwrap();
+    (values, reader.block_validity(number).unwrap())
+}
+
+/// All blocks that are not lost are those of the intact file, the others have no valid entry.
+fn check(good: &[u8], salvaged: &Salvaged) {
+    let good = Reader::open(good).unwrap();
+    for number in 0..good.block_count() {
+        let (values, valid) = block(salvaged.reader(), number);
+        if salvaged.lost().contains(&number) {
+            assert!(!valid.contains(&true));
+        } else {
+            assert!((values, valid) == block(&good, number), "block {number}");
+        }
+    }
+}
+
+/// Repaired, the file is valid and holds what was salvaged; if nothing is lost it is what it was.
+fn check_repair(good: &[u8], bad: &[u8]) -> Vec<usize> {
+    let repaired = repair(bad, Limits::default()).unwrap();
+    let reader = Reader::open(&repaired.bytes[..]).unwrap();
+    let damage = reader.verify();
+    assert!(damage.is_empty(), "{damage:?}");
+    let lost = repaired.salvaged.lost().to_vec();
+    check(good, &repaired.salvaged);
+    let whole = repaired.salvaged.damage().iter().all(|d| d.outcome == Outcome::Restored || d.section == "file");
+    assert_eq!(whole, repaired.bytes == good);
+    for number in (0..reader.block_count()).filter(|number| !lost.contains(number)) {
+        assert!(block(&reader, number) == block(&Reader::open(good).unwrap(), number));
+    }
+    let again = salvage(&repaired.bytes).unwrap();
+    assert!(again.damage().is_empty());
+    lost
+}
+
+#[test]
+fn intact_files_are_left_alone() {
+    for good in [plain(), spare(), lossless()] {
+        let salvaged = salvage(good).unwrap();
+        assert!(salvaged.damage().is_empty() && salvaged.lost().is_empty());
+        assert_eq!(salvaged.lost_entries(), 0);
+        check(good, &salvaged);
+        assert!(repair(good, Limits::default()).unwrap().bytes == good);
+    }
+    assert!(lossless().windows(4).any(|w| w == b"SPAR") && !plain().windows(4).any(|w| w == b"SPAR"));
+}
+
+/// Any bit outside the payload: nothing is lost, spare copy or not. In a record: that block. In META: the metadata, if the records of it
+/// say so.
+#[test]
+fn one_flipped_bit_costs_nothing_but_its_record() {
+    let good = plain();
+    let records = section(good, "RECS");
+    let reader = Reader::open(good).unwrap();
+    for bit in (0..8 * good.len()).step_by(3) {
+        let mut bad = good.to_vec();
+        bad[bit / 8] ^= 1 << (bit % 8);
+        let salvaged = salvage(&bad).unwrap();
+        assert!(!salvaged.damage().is_empty(), "bit {bit}");
+        let hurt = |b: &usize| reader.block_info(*b).unwrap().record.contains(&(bit / 8));
+        let expected: Vec<usize> =
+            if records.contains(&(bit / 8)) { (0..reader.block_count()).filter(hurt).collect() } else { Vec::new() };
+        assert_eq!(salvaged.lost(), expected, "bit {bit}");
+        if bit % 11 == 0 || expected.is_empty() {
+            assert_eq!(check_repair(good, &bad), expected, "bit {bit}");
+        }
+    }
+}
+
+#[test]
+fn a_spare_copy_makes_up_for_any_damage_before_the_records() {
+    let good = spare();
+    let head = section(good, "RECS").start;
+    let index = section(good, "INDX");
+    for (start, length) in [(0, head), (0, 32), (32, 160), (192, 64), (index.end - 90, 150), (index.start, index.len())]
+    {
+        let mut bad = good.to_vec();
+        bad[start..start + length].fill(0x5A);
+        assert!(Reader::open(&bad[..]).is_err(), "nothing is taken from the copy silently");
+        assert!(check_repair(good, &bad).is_empty(), "{start}, {length}");
+    }
+    // The copy itself, or both but in different places.
+    let copy = section(good, "SPAR");
+    let mut bad = good.to_vec();
+    bad[copy.start + 40..copy.end - 100].fill(0);
+    assert!(Reader::open(&bad[..]).unwrap().verify().len() == 1 && check_repair(good, &bad).is_empty());
+    bad[10] ^= 4;
+    assert!(check_repair(good, &bad).is_empty());
+    // A copy of something else, its checksums right.
+    let mut bad = good.to_vec();
+    bad[copy.start + 300] ^= 1;
+    let end = copy.end - 8;
+    let crc = crc32fast::hash(&bad[copy.start..end]).to_le_bytes();
+    bad[end..end + 4].copy_from_slice(&crc);
+    let entry = 32 + 20 * (usize::from(bad[14]) - 1) + 16;
+    let crc = crc32fast::hash(&bad[copy.clone()]).to_le_bytes();
+    bad[entry..entry + 4].copy_from_slice(&crc);
+    let table = [&bad[..28], &bad[32..32 + 20 * usize::from(bad[14])]].concat();
+    bad[28..32].copy_from_slice(&crc32fast::hash(&table).to_le_bytes());
+    let damage = Reader::open(&bad[..]).unwrap().verify();
+    assert!(damage.len() == 1 && damage[0].to_string().contains("SPAR"), "{damage:?}");
+}
+
+/// Without a copy: four bytes of the index cost nothing, more of it the blocks from there on.
+#[test]
+fn an_index_is_as_good_as_the_records_prove() {
+    let good = plain();
+    let index = section(good, "INDX");
+    let blocks = Reader::open(good).unwrap().block_count();
+    for at in index.start..index.end - 4 {
+        let mut bad = good.to_vec();
+        bad[at..at + 3].iter_mut().for_each(|byte| *byte ^= 0x5A);
+        let salvaged = salvage(&bad).unwrap();
+        check(good, &salvaged);
+        assert!(salvaged.lost().len() <= 8, "{at}: {:?}", salvaged.lost());
+    }
+    let mut left = Vec::new();
+    for at in [index.start + 4, index.start + index.len() / 2, index.end - 40] {
+        let mut bad = good.to_vec();
+        bad[at..at + 20].fill(0x77);
+        let lost = check_repair(good, &bad);
+        assert_eq!(lost, (blocks - lost.len()..blocks).collect::<Vec<_>>());
+        left.push(blocks - lost.len());
+    }
+    assert!(left[0] < left[1] && left[1] < left[2], "{left:?}");
+}
+
+#[test]
+fn what_nothing_can_be_decoded_without_is_named() {
+    for name in ["GRID", "CODE", "PART", "PROB"] {
+        let range = section(plain(), name);
+        let mut bad = plain().to_vec();
+        bad[range.start..range.start + 12].iter_mut().for_each(|byte| *byte ^= 0x99);
+        let error = salvage(&bad).err().unwrap().to_string();
+        assert!(error.contains(name) && error.contains("beyond repair"), "{error}");
+    }
+    let mut bad = plain().to_vec();
+    bad[40..100].fill(0);
+    assert!(matches!(salvage(&bad).err().unwrap(), Error::Corrupt { .. }));
+    assert!(matches!(salvage(b"hello, world").err().unwrap(), Error::NotCsbrdf { .. }));
+    // META costs the metadata.
+    let meta = section(plain(), "META");
+    let mut bad = plain().to_vec();
+    bad[meta.start + 9..meta.start + 20].fill(0);
+    assert!(check_repair(plain(), &bad).is_empty());
+}
+
+#[test]
+fn cut_files_keep_the_records_that_are_whole() {
+    let good = plain();
+    let reader = Reader::open(good).unwrap();
+    let records = section(good, "RECS");
+    for length in records.start..good.len() {
+        let salvaged = salvage(&good[..length]).unwrap();
+        let gone = |b: &usize| reader.block_info(*b).unwrap().record.end > length;
+        assert_eq!(salvaged.lost(), (0..reader.block_count()).filter(gone).collect::<Vec<_>>(), "{length}");
+        if length % 97 == 0 || length + 9 > records.end {
+            check_repair(good, &good[..length]);
+        }
+    }
+    // Without records nothing is left; without the whole index it is not known what there was.
+    assert_eq!(salvage(&good[..records.start - 1]).unwrap().lost().len(), reader.block_count());
+    assert!(salvage(&good[..section(good, "INDX").end - 1]).is_err());
+    // Bytes after the end, and bytes that are missing in the middle.
+    let mut bad = good.to_vec();
+    bad.extend([7; 100]);
+    assert!(check_repair(good, &bad).is_empty());
+    let mut bad = good.to_vec();
+    bad.drain(records.start + records.len() / 2..records.start + records.len() / 2 + 17);
+    let lost = check_repair(good, &bad);
+    assert!((1..=2).contains(&lost.len()), "{lost:?}");
+}
+
+#[test]
+fn exact_values_are_lost_block_by_block() {
+    let good = lossless();
+    let (exact, records) = (section(good, "EXCT"), section(good, "RECS"));
+    let reference = Reader::open(good).unwrap().exact_table().unwrap();
+    let left = |salvaged: &Salvaged, gone: usize| {
+        let (values, lost) = salvaged.exact_table(-1.0).unwrap();
+        assert_eq!(lost, gone);
+        let same = |(a, b): &(&f64, &f64)| a.to_bits() == b.to_bits();
+        let n = values.iter().zip(&reference).filter(same).count();
+        assert!(values.iter().zip(&reference).all(|pair| same(&pair) || *pair.0 == -1.0));
+        n
+    };
+    let head = 4 + 8 * 3 + 4 * Reader::open(good).unwrap().block_count() + 4;
+    for (bytes, blocks, gone) in [
+        (exact.start + head + 60..exact.start + head + 61, 0, 1),
+        (exact.start + 40..exact.start + 41, 0, 0),
+        (records.start + 7..records.start + 8, 1, 1),
+    ] {
+        let mut bad = good.to_vec();
+        bad[bytes.start] ^= 0x10;
+        let salvaged = salvage(&bad).unwrap();
+        assert_eq!(salvaged.lost().len(), blocks);
+        let n = left(&salvaged, gone);
+        assert!(n >= reference.len() * 4 / 5 && (n < reference.len()) == (gone > 0), "{n}");
+        check_repair(good, &bad);
+        // What was lost stays so, and is an error.
+        let repaired = repair(&bad, Limits::default()).unwrap();
+        assert_eq!(left(&salvage(&repaired.bytes).unwrap(), gone), n);
+        assert_eq!(Reader::open(&repaired.bytes[..]).unwrap().exact_table().is_err(), gone > 0);
+    }
+    // The head of the section: all exact values, no others.
+    let mut bad = good.to_vec();
+    bad[exact.start..exact.start + 40].fill(1);
+    let salvaged = salvage(&bad).unwrap();
+    assert!(salvaged.lost().is_empty() && salvaged.exact_table(-1.0).is_err());
+    check_repair(good, &bad);
+    // Cut within it.
+    let salvaged = salvage(&good[..exact.end - exact.len() / 2]).unwrap();
+    assert!(salvaged.lost().is_empty() && salvaged.exact_table(-1.0).unwrap().1 > 1);
+    check_repair(good, &good[..exact.end - exact.len() / 2]);
+}
+
+/// Old files: values as far as they go, but no new file if blocks are lost.
+#[test]
+fn files_of_old_drafts_are_salvaged() {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/v1");
+    let mut drafts = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_none_or(|e| e != "csbrdf") {
+            continue;
+        }
+        let good = std::fs::read(&path).unwrap();
+        let draft = Reader::open(&good[..]).unwrap().version().2;
+        drafts.push(draft);
+        let reader = Reader::open(&good[..]).unwrap();
+        let record = reader.block_info(reader.block_count() / 2).unwrap().record;
+        let mut bad = good.clone();
+        bad[record.start] ^= 0x40;
+        let salvaged = salvage(&bad).unwrap();
+        assert_eq!(salvaged.lost(), [reader.block_count() / 2]);
+        let pruned = reader.version().2 == 5;
+        if !pruned {
+            check(&good, &salvaged);
+        }
+        assert_eq!(repair(&bad, Limits::default()).is_ok(), draft > 3, "{}", path.display());
+        assert!(repair(&good, Limits::default()).unwrap().bytes == good, "{}", path.display());
+    }
+    assert!(drafts.contains(&1) && drafts.contains(&3) && drafts.contains(&5), "{drafts:?}");
+}
