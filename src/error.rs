@@ -102,13 +102,13 @@ impl fmt::Display for Error {
                 if *draft != 0 {
                     write!(f, " draft {draft}")?;
                 }
-                let (m, n, d) = crate::format::VERSION;
-                let oldest = crate::format::OLDEST_DRAFT;
-                write!(f, " is not known to this build, which reads {m}.{n}")?;
-                if d != 0 {
-                    write!(f, " drafts {oldest} to {d}")?;
-                }
-                write!(f, "; use the csbrdf release that wrote the file, or encode the table again")
+                let ((m, ..), drafts) = (crate::format::VERSION, crate::format::DRAFTS);
+                let (oldest, newest) = (drafts.start(), drafts.end());
+                write!(
+                    f,
+                    " is not known to this build, which reads {m}.x and drafts {oldest} to {newest} of {m}.0; use the \
+                     csbrdf release that wrote the file, or encode the table again"
+                )
             }
             Error::Truncated { section, expected, got } => {
                 write!(f, "truncated in {section}: {expected} bytes needed, {got} present; fetch the file again")

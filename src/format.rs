@@ -19,23 +19,24 @@ pub const MAGIC: [u8; 8] = [0x8B, b'C', b'S', b'B', b'\r', b'\n', 0x1A, b'\n'];
 /// Last bytes of every file.
 pub const END_MARKER: [u8; 8] = *b"CSBRDF.\n";
 
-/// Newest major version, minor version and draft number that this build reads; draft 0 means final. A file states the oldest draft
-/// that has all it needs.
-pub const VERSION: (u16, u16, u16) = (1, 0, 5);
-/// Oldest draft that this build reads.
-pub const OLDEST_DRAFT: u16 = 1;
+/// Major version, minor version and draft number that this build writes; draft 0 means final.
+pub const VERSION: (u16, u16, u16) = (1, 0, FINAL);
+/// Draft number of final versions.
+pub(crate) const FINAL: u16 = 0;
+/// Drafts of version 1.0, which are read like the final version.
+pub const DRAFTS: std::ops::RangeInclusive<u16> = 1..=5;
 /// First draft whose records may double the sampling ratio.
 const DOUBLINGS_DRAFT: u16 = 2;
 /// First draft with a coded index, codes of probabilities, exact zeros, grazing profiles, corrections.
 const COMPACT_DRAFT: u16 = 3;
 /// First draft with dependent quantisation and coded probabilities.
-pub(crate) const DEPENDENT_DRAFT: u16 = 4;
+const DEPENDENT_DRAFT: u16 = 4;
 /// First draft with pruned blocks.
-pub(crate) const PRUNED_DRAFT: u16 = 5;
+const PRUNED_DRAFT: u16 = 5;
 
-/// Whether this build reads files of a draft; 0 is final, and after every draft.
-pub(crate) fn reads_draft(draft: u16) -> bool {
-    draft == VERSION.2 || (OLDEST_DRAFT..VERSION.2).contains(&draft)
+/// Whether this build reads files of a version: the same major one, with what later minor ones may be skipped of.
+pub(crate) fn reads_version((major, minor, draft): (u16, u16, u16)) -> bool {
+    major == VERSION.0 && (draft == FINAL || minor == 0 && DRAFTS.contains(&draft))
 }
 
 /// Whether records of a draft may double the sampling ratio; those of final versions may.
@@ -136,9 +137,7 @@ mod tests {
         assert_eq!([0, 1, 2, 3, 4].map(is_compact), [true, false, false, true, true]);
         assert_eq!([0, 2, 3, 4, 5].map(is_dependent), [true, false, false, true, true]);
         assert_eq!([0, 3, 4, 5, 6].map(may_prune), [true, false, false, true, true]);
-        assert_eq!(
-            [OLDEST_DRAFT - 1, OLDEST_DRAFT, VERSION.2, VERSION.2 + 1].map(reads_draft),
-            [false, true, true, false]
-        );
+        let versions = [(1, 0, 0), (1, 0, 1), (1, 0, 5), (1, 7, 0), (1, 0, 6), (1, 1, 1), (0, 0, 0), (2, 0, 0)];
+        assert_eq!(versions.map(reads_version), [true, true, true, true, false, false, false, false]);
     }
 }

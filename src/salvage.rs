@@ -27,7 +27,7 @@ use crate::error::{Error, Result};
 use crate::format::directory::{self, Directory, Section};
 use crate::format::index::{Entry, Index, UNKNOWN_ERROR};
 use crate::format::record::{ValidityClass, checksum};
-use crate::format::{Limits, VERSION, is_compact};
+use crate::format::{FINAL, Limits, is_compact};
 use head::Head;
 use index::Records;
 #[cfg(feature = "encode")]
@@ -217,8 +217,8 @@ pub fn salvage_with_limits(data: &[u8], limits: Limits) -> Result<Salvaged> {
     check_others(data, &head, &mut damage);
     let index = Index::of(&entries, start, components);
     let was = Directory::of(head.version, head.sections.clone());
-    // Lost blocks are pruned ones, which the newest draft has.
-    let draft = if lost.is_empty() { head.version.2 } else { VERSION.2 };
+    // Lost blocks are pruned ones, which the final version has.
+    let draft = if lost.is_empty() { head.version.2 } else { FINAL };
     let directory = Directory::of((head.version.0, head.version.1, draft), image.sections);
     let reader = Reader::of(image.bytes, limits, directory, header, index).with_pruned(Pruned::Coarse);
     Ok(Salvaged { reader, damage, lost, known_means, was })
@@ -289,7 +289,7 @@ fn records_of(
             lost(block, place, what);
         } else {
             // The mean is lost as well: that of the block before, at equal value of the table.
-            let positions = |block: usize| partition.positions_of(block) as f64;
+            let positions = |block: usize| partition.block(block).map_or(1, |block| block.positions()) as f64;
             let grown = if block > 0 { (positions(block) / positions(block - 1)).sqrt() } else { 1.0 };
             let before = entries.last().map(|entry| entry.means.clone());
             let scaled = |mean: i32| (f64::from(mean) * grown).round().clamp(-16_777_216.0, 16_777_216.0) as i32;

@@ -116,8 +116,7 @@ fn foreign_and_newer_files_are_named() {
     assert!(says(b"<html>not found</html>").contains("text"));
     assert!(says(&90i32.to_le_bytes().repeat(3)).contains("MERL"));
     assert!(says(&[0; 100]).contains("not a csbrdf file"));
-    // The file is of draft 4, this build reads 5.
-    for (at, more, name) in [(8, 1, "version 2.0 draft 4"), (12, 2, "version 1.0 draft 6")] {
+    for (at, more, name) in [(8, 1, "version 2.0 is not known"), (12, 6, "version 1.0 draft 6 is not known")] {
         let mut newer = file().to_vec();
         newer[at] += more;
         assert!(says(&newer).contains(name), "{}", says(&newer));

@@ -135,12 +135,25 @@ fn golden_files_cover_the_features() {
         features.push(if coding.correction.is_some() { "corrections" } else { "no corrections" });
         features.push(if reader.partition().shapes().len() > 1 { "tiled" } else { "uniform" });
         features.push(if reader.is_lossless() { "lossless" } else { "lossy" });
+        features.push(match reader.version() {
+            (1, 0, 0) => "version 1.0",
+            (1, 1, 0) => "a later minor version",
+            (1, 0, draft) => ["", "draft 1", "draft 2", "draft 3", "draft 4", "draft 5"][usize::from(draft)],
+            _ => "another version",
+        });
         for b in 0..reader.block_count() {
             classes.push(reader.block_info(b).unwrap().class);
             origins.extend(reader.block_origin(b).unwrap());
         }
     }
     let wanted = [
+        "version 1.0",
+        "a later minor version",
+        "draft 1",
+        "draft 2",
+        "draft 3",
+        "draft 4",
+        "draft 5",
         "dct",
         "dft",
         "separate",

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A plain decoder of .csbrdf files (format 1.0, drafts 1 to 5), written from csbrdf.md for reading along with it.
+"""A plain decoder of .csbrdf files (format 1.0 and its drafts 1 to 5), written from csbrdf.md for reading along with it.
 
     csbrdf_decode.py FILE...                   name and CRC-32 of the values, the binary64 values / scale, the validity
     csbrdf_decode.py --check HASHES [FILE...]  compare these with a list; exit 1 on a difference
@@ -161,8 +161,10 @@ class File:
         c.check(major == 1, f"major version {major} is not known")
         minor = c.get("H", "minor version")
         draft = c.get("H", "draft")
-        c.check(1 <= draft <= 5, f"draft {draft} of version {major}.{minor} is not known")
-        self.draft, self.before_3, self.before_4 = draft, draft < 3, draft < 4
+        c.check(draft == 0 or minor == 0 and draft <= 5, f"draft {draft} of version {major}.{minor} is not known")
+        # A final version has all that the drafts brought.
+        self.draft = draft = draft or 6
+        self.before_3, self.before_4 = draft < 3, draft < 4
         count = c.get("H", "number of sections", 1, 64)
         c.check(c.get("Q", "length of the file") == len(self.data), f"the file has {len(self.data)} bytes")
         c.get("I", "reserved field", 0, 0)

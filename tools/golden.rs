@@ -1,7 +1,6 @@
-//! Writes golden files of a draft into a folder: `cargo run --release --example golden -- tests/data/v1`.
+//! Writes golden files into a folder: `cargo run --release --example golden -- tests/data/v1`.
 //!
-//! For new features and new drafts only: files that exist are left alone, since golden files are read forever once
-//! the version they belong to is final. Add the sums that `cargo test --test golden` then prints to `hashes.txt` and `eval.txt`.
+//! For new features only: files that exist are left alone, since golden files are read forever. Add the sums that `cargo test --test golden` then prints to `hashes.txt` and `eval.txt`.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::path::PathBuf;
@@ -33,14 +32,40 @@ fn main() -> Result<(), Failure> {
         std::fs::write(&path, encoder.encode(&table)?.bytes)?;
         println!("{} written", path.display());
     }
-    let path = folder.join("pruned.csbrdf");
-    if path.exists() {
-        println!("{} exists, left alone", path.display());
-    } else {
-        std::fs::write(&path, pruned(&std::fs::read(folder.join("dct-dependent-profile.csbrdf"))?)?)?;
+    type Change = fn(&[u8]) -> Result<Vec<u8>, Failure>;
+    let changed: [(&str, &str, Change); 3] = [
+        ("dct-dependent-profile", "pruned", pruned),
+        ("final-profile", "final-pruned", pruned),
+        ("final-profile", "later-minor-version", later),
+    ];
+    for (from, to, change) in changed {
+        let path = folder.join(to).with_extension("csbrdf");
+        if path.exists() {
+            println!("{} exists, left alone", path.display());
+            continue;
+        }
+        std::fs::write(&path, change(&std::fs::read(folder.join(from).with_extension("csbrdf"))?)?)?;
         println!("{} written", path.display());
     }
     Ok(())
+}
+
+/// The same file as of version 1.1, with a section at its end that nobody knows, but that may be skipped (spec section 3.1).
+fn later(bytes: &[u8]) -> Result<Vec<u8>, Failure> {
+    const NEWS: &[u8] = b"what version 1.1 brings";
+    let sections = usize::from(u16::from_le_bytes([bytes[14], bytes[15]]));
+    let table = 32 + 20 * sections;
+    let entry =
+        [&b"NEWS"[..], &1u32.to_le_bytes(), &(NEWS.len() as u64).to_le_bytes(), &crc32fast::hash(NEWS).to_le_bytes()];
+    let entry = entry.concat();
+    let mut head = bytes[..28].to_vec();
+    head[10..12].copy_from_slice(&1u16.to_le_bytes());
+    head[14..16].copy_from_slice(&(sections as u16 + 1).to_le_bytes());
+    let length = bytes.len() + entry.len() + NEWS.len();
+    head[16..24].copy_from_slice(&(length as u64).to_le_bytes());
+    let crc = crc32fast::hash(&[&head[..], &bytes[32..table], &entry].concat());
+    let (body, end) = bytes[table..].split_at(bytes.len() - table - 8);
+    Ok([&head[..], &crc.to_le_bytes(), &bytes[32..table], &entry, body, NEWS, end].concat())
 }
 
 /// Two of three blocks of a file, a little coarser.
@@ -188,6 +213,14 @@ fn features() -> Result<Vec<(&'static str, Encoder, BrdfTable)>, Failure> {
     let drawn_encoder = Encoder::new().preset(Preset::Paper).block_shape(&[6, 12, 9]).sampling(ratio).seed(5);
     Ok(vec![
         ("dct-spare", Encoder::new().block_shape(&[6, 9, 12]).spare(true), drawn.clone()),
+        ("final-profile", Encoder::new(), grazing(small([30, 30, 36])?)?),
+        ("final-zeros-spare", Encoder::new().quality(0.05).spare(true), zeros.clone()),
+        ("final-corrected", corrected(&[12, 7, 12], 0.1), rough.clone()),
+        ("final-lossless", Encoder::new().block_shape(&[8, 3, 10]).lossless(true), exact.clone()),
+        ("final-4d-spectral", Encoder::new().block_shape(&[4, 3, 5, 7]).quality(0.01), spectral.clone()),
+        ("final-dft-sampled", drawn_encoder.clone(), drawn.clone()),
+        ("final-sampled-by-block", by_block_encoder.clone(), by_block.clone()),
+        ("final-tiled", Encoder::new().partition(tiles.clone()), tiled.clone()),
         ("dct-dependent-profile", Encoder::new(), grazing(small([30, 30, 36])?)?),
         ("dct-dependent", Encoder::new().quality(0.02).block_shape(&[6, 7, 24]), rough.clone()),
         ("dft-dependent", Encoder::new().basis(Basis::Dft).quality(0.05), even),

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use crate::bits::ByteReader;
 use crate::error::{Error, Result};
-use crate::format::{END_MARKER, MAGIC, MAX_SECTIONS, VERSION, reads_draft};
+use crate::format::{END_MARKER, MAGIC, MAX_SECTIONS, reads_version};
 
 /// Bytes before the section table.
 pub(crate) const PREAMBLE: usize = 32;
@@ -72,7 +72,7 @@ impl Directory {
         preamble.bytes(MAGIC.len())?;
         // Version: major, minor, draft number (0 in final versions).
         let found = (preamble.u16()?, preamble.u16()?, preamble.u16()?);
-        if found.0 != VERSION.0 || !reads_draft(found.2) {
+        if !reads_version(found) {
             return Err(Error::UnsupportedVersion { found });
         }
         // Number of sections.
@@ -262,8 +262,8 @@ mod write {
         }
         let mut file = ByteWriter(Vec::with_capacity(length));
         file.bytes(&MAGIC);
-        file.u16(VERSION.0);
-        file.u16(VERSION.1);
+        file.u16(crate::format::VERSION.0);
+        file.u16(crate::format::VERSION.1);
         file.u16(draft);
         file.u16(sections.len() as u16);
         file.u64(length as u64);

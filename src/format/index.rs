@@ -282,8 +282,8 @@ pub(crate) fn read_entries(
     let mut decoder = Decoder::new(&[1 << 15; CONTEXTS], r.rest());
     let mut chain = Chain::new(components);
     let mut entry = chain.previous.clone();
-    for number in 0..partition.block_count() {
-        chain.code(&mut decoder, partition.positions_of(number), &mut entry);
+    for positions in partition.sizes() {
+        chain.code(&mut decoder, positions, &mut entry);
         let sound = entry.means.iter().all(|m| m.unsigned_abs() <= MAX_MAGNITUDE);
         if !sound || !each(&entry) {
             return None;

@@ -7,7 +7,7 @@ use super::{Damage, Outcome};
 use crate::bits::ByteReader;
 use crate::error::{Error, Result};
 use crate::format::directory::{self, Directory, ENTRY, PREAMBLE, Section, table_crc};
-use crate::format::{END_MARKER, MAGIC, MAX_SECTIONS, VERSION, reads_draft, spare};
+use crate::format::{END_MARKER, MAGIC, MAX_SECTIONS, reads_version, spare};
 
 /// The section table of a damaged file, its checksum right.
 pub(super) struct Head<'a> {
@@ -121,7 +121,7 @@ fn parse(data: &[u8]) -> Result<Table> {
     let mut r = ByteReader::new(data, 0, "section table");
     r.bytes(MAGIC.len())?;
     let version = (r.u16()?, r.u16()?, r.u16()?);
-    if version.0 != VERSION.0 || !reads_draft(version.2) {
+    if !reads_version(version) {
         return Err(Error::UnsupportedVersion { found: version });
     }
     let (count, length) = (usize::from(r.u16()?), r.u64()?);

@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::format::directory::{self, write_file, write_file_with_spare};
 use crate::format::index::{Entry, write_index};
 use crate::format::metadata::Metadata;
-use crate::format::{Limits, PRUNED_DRAFT, is_dependent};
+use crate::format::{FINAL, Limits, is_dependent};
 
 /// A repaired file.
 pub struct Repaired {
@@ -56,7 +56,7 @@ pub fn repair(data: &[u8], limits: Limits) -> Result<Repaired> {
         }
         sections.extend(bytes.map(|bytes| (name, section.skippable, bytes)));
     }
-    let draft = if salvaged.lost().is_empty() { was.version().2 } else { PRUNED_DRAFT };
+    let draft = if salvaged.lost().is_empty() { was.version().2 } else { FINAL };
     let sections = sections.iter().map(|(name, skippable, bytes)| (&name[..], *skippable, bytes.clone())).collect();
     let spare = was.sections().iter().any(|s| s.id == directory::SPARE.as_bytes());
     let bytes = if spare { write_file_with_spare(draft, sections) } else { write_file(draft, &sections) };

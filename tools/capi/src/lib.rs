@@ -228,7 +228,7 @@ pub extern "C" fn csbrdf_abi_version() -> u32 {
     CSBRDF_ABI_VERSION
 }
 
-/// Version of the library, such as "0.1.0". The string is never freed.
+/// Version of the library, such as "1.0.0". The string is never freed.
 #[unsafe(no_mangle)]
 pub extern "C" fn csbrdf_version() -> *const c_char {
     const VERSION: &CStr = match CStr::from_bytes_with_nul(concat!(env!("CARGO_PKG_VERSION"), "\0").as_bytes()) {
