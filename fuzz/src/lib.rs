@@ -8,5 +8,6 @@ pub mod mutate;
 
 /// Has the codec work on the calling thread alone: waking another takes longer than most inputs.
 pub fn on_one_thread() {
+    #[cfg(feature = "cli")]
     rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build_global().expect("called once");
 }

@@ -16,6 +16,7 @@ pub fn run(data: &[u8]) {
         return;
     }
     let damage = reader.verify();
+    assert!(damage.iter().all(|e| !e.to_string().is_empty()));
     let decoded = reader.decode_all();
     // The table's way and the blocks' way agree on what can be decoded.
     let each = |block| reader.block_into(block, &mut vec![0.0; reader.block_values(block).expect("a block")]);

@@ -7,7 +7,10 @@ use super::seal::sealed;
 
 pub fn run(data: &[u8]) {
     let data = sealed(data);
-    let Ok(reader) = Reader::open(&data[..]) else { return };
+    let reader = match Reader::open(&data[..]) {
+        Ok(reader) => reader,
+        Err(e) => return assert!(!e.to_string().is_empty()),
+    };
     let _ = reader.metadata();
     let shape = reader.grid().shape();
     let (partition, blocks) = (reader.partition(), reader.block_count());
