@@ -214,7 +214,7 @@ fn exact_values_are_as_they_were() {
 fn a_section_of_a_later_version_is_skipped() {
     const PREAMBLE: usize = 32;
     const ENTRY: usize = 20;
-    let old = read("dct-opponent-mask.csbrdf");
+    let old = read("final-tiled.csbrdf");
     let plain = Reader::open(&old[..]).unwrap().decode_all().unwrap();
     let sections = usize::from(u16::from_le_bytes([old[14], old[15]]));
     let extra = b"from the future";
