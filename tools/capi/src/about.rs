@@ -4,8 +4,8 @@ use std::ffi::c_char;
 
 use codec::grid::{AxisName, Mapping};
 
-use crate::boundary::{bytes, check_length, guard, invalid, shared, write, write_text};
-use crate::{csbrdf_brdf, csbrdf_status};
+use super::boundary::{bytes, check_length, guard, invalid, shared, write, write_text};
+use super::{csbrdf_brdf, csbrdf_status};
 
 /// csbrdf_axis.quantity: anything that this library knows no angle for.
 pub const CSBRDF_AXIS_OTHER: u32 = 0;

@@ -4,8 +4,8 @@ use std::ptr;
 
 use codec::importance::Importance;
 
-use crate::boundary::{Outcome, guard, invalid, shared, write};
-use crate::{csbrdf_brdf, csbrdf_status};
+use super::boundary::{Outcome, guard, invalid, shared, write};
+use super::{csbrdf_brdf, csbrdf_status};
 
 /// What draws directions where a material reflects. Needs its file no more once it is made.
 pub struct csbrdf_importance(Importance);

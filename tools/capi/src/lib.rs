@@ -18,8 +18,9 @@ use codec::eval::Brdf;
 use codec::format::Limits;
 use codec::map::map_file;
 
-pub use about::*;
-pub use importance::*;
+// Programs use them, what includes this file as a module (the fuzz targets) may not.
+#[allow(unused_imports)]
+pub use {about::*, importance::*};
 
 use boundary::{Outcome, array, buffer, check_length, guard, invalid, last_error, shared, string, write};
 
