@@ -209,10 +209,10 @@ pub fn salvage_with_limits(data: &[u8], limits: Limits) -> Result<Salvaged> {
         });
     let start = image.bytes.len();
     image.push(directory::RECORDS, &records, &kept);
-    if let Some(section) = head.section(directory::EXACT).filter(|_| compact) {
-        if let Some(bytes) = exact::take(data, section, blocks, components, &lost, &mut damage) {
-            image.push(directory::EXACT, section, &bytes);
-        }
+    if let Some(section) = head.section(directory::EXACT).filter(|_| compact)
+        && let Some(bytes) = exact::take(data, section, blocks, components, &lost, &mut damage)
+    {
+        image.push(directory::EXACT, section, &bytes);
     }
     check_others(data, &head, &mut damage);
     let index = Index::of(&entries, start, components);

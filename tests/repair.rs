@@ -65,8 +65,8 @@ fn a_damaged_file_is_salvaged_and_repaired() {
     csbrdf(folder, "verify bad.repaired.csbrdf", OK);
     csbrdf(folder, "decode --coarse bad.repaired.csbrdf -o repaired.binary", OK);
     assert_eq!(differences(&path("left.binary"), &path("repaired.binary")), (0, 0));
-    let information = Command::new(env!("CARGO_BIN_EXE_csbrdf")).args(["info", "--json", "bad.repaired.csbrdf"]);
-    let information = { information }.current_dir(folder).output().unwrap();
+    let information = &mut Command::new(env!("CARGO_BIN_EXE_csbrdf"));
+    let information = information.args(["info", "--json", "bad.repaired.csbrdf"]).current_dir(folder).output().unwrap();
     assert!(String::from_utf8_lossy(&information.stdout).contains("\"repaired\""));
 
     // Damage that costs nothing: what was there, byte for byte.

@@ -101,7 +101,7 @@ fn one_flipped_bit_costs_nothing_but_its_record() {
     let good = plain();
     let records = section(good, "RECS");
     let reader = Reader::open(good).unwrap();
-    for bit in (0..8 * good.len()).step_by(3) {
+    for bit in (0..8 * good.len()).step_by(7) {
         let mut bad = good.to_vec();
         bad[bit / 8] ^= 1 << (bit % 8);
         let salvaged = salvage(&bad).unwrap();
@@ -134,6 +134,11 @@ fn a_spare_copy_makes_up_for_any_damage_before_the_records() {
     bad[copy.start + 40..copy.end - 100].fill(0);
     assert!(Reader::open(&bad[..]).unwrap().verify().len() == 1 && check_repair(good, &bad).is_empty());
     bad[10] ^= 4;
+    assert!(check_repair(good, &bad).is_empty());
+    // Damage in both, of different sections.
+    let mut bad = good.to_vec();
+    bad[section(good, "PROB")].fill(3);
+    bad[copy.start + index.start..copy.start + index.end].fill(3);
     assert!(check_repair(good, &bad).is_empty());
     // A copy of something else, its checksums right.
     let mut bad = good.to_vec();
@@ -208,6 +213,11 @@ fn cut_files_keep_the_records_that_are_whole() {
         }
     }
     // Without records nothing is left; without the whole index it is not known what there was.
+    for good in [plain(), spare(), lossless()] {
+        for length in 0..section(good, "RECS").start {
+            let _ = salvage(&good[..length]);
+        }
+    }
     assert_eq!(salvage(&good[..records.start - 1]).unwrap().lost().len(), reader.block_count());
     assert!(salvage(&good[..section(good, "INDX").end - 1]).is_err());
     // Bytes after the end, and bytes that are missing in the middle.
@@ -290,4 +300,29 @@ fn files_of_old_drafts_are_salvaged() {
         assert!(repair(&good, Limits::default()).unwrap().bytes == good, "{}", path.display());
     }
     assert!(drafts.contains(&1) && drafts.contains(&3) && drafts.contains(&5), "{drafts:?}");
+}
+
+/// Whatever the bytes, also under a right checksum of the section table: an answer, no panic.
+#[test]
+fn any_bytes_are_survived() {
+    let mut random = csbrdf::sample::SplitMix64(3);
+    for round in 0..4000usize {
+        let mut bad = [plain(), spare(), lossless()][round % 3].to_vec();
+        let head = section(plain(), "RECS").start;
+        for _ in 0..1 + round % 4 {
+            let at = 8 + random.next_u64() as usize % (head - 8);
+            bad[at] = [0, 0xFF, 0x80, random.next_u64() as u8][round % 4];
+        }
+        let count = usize::from(u16::from_le_bytes([bad[14], bad[15]]));
+        if round % 5 > 0 && 32 + 20 * count < bad.len() {
+            let table = [&bad[..28], &bad[32..32 + 20 * count]].concat();
+            bad[28..32].copy_from_slice(&crc32fast::hash(&table).to_le_bytes());
+        }
+        if round % 7 == 0 {
+            bad.truncate(random.next_u64() as usize % bad.len());
+        }
+        if let Ok(salvaged) = salvage(&bad) {
+            let _ = (salvaged.reader().decode_table(), salvaged.exact_table(0.0), repair(&bad, Limits::default()));
+        }
+    }
 }

@@ -63,27 +63,27 @@ enum Case {
 
 impl Case {
     /// The damaged file and the bytes that changed.
-    fn apply(self, good: &[u8]) -> (Vec<u8>, Vec<Range<usize>>) {
+    fn apply(self, good: &[u8]) -> (Vec<u8>, [Range<usize>; 2]) {
         let mut bad = good.to_vec();
         let changed = match self {
             Case::Flip(bit) => {
                 bad[bit / 8] ^= 1 << (bit % 8);
-                vec![bit / 8..bit / 8 + 1]
+                [bit / 8..bit / 8 + 1, 0..0]
             }
             Case::Cut(length) => {
                 bad.truncate(length);
-                vec![length..good.len()]
+                [length..good.len(), 0..0]
             }
             Case::Swap(a, b, size) => {
                 let (a, b) = (a..a + size, b..b + size);
                 bad[a.clone()].copy_from_slice(&good[b.clone()]);
                 bad[b.clone()].copy_from_slice(&good[a.clone()]);
-                vec![a, b]
+                [a, b]
             }
             Case::Zero(at, size) => {
                 let range = at..(at + size).min(good.len());
                 bad[range.clone()].fill(0);
-                vec![range]
+                [range, 0..0]
             }
         };
         (bad, changed)

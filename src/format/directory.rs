@@ -195,7 +195,7 @@ impl Directory {
 pub(crate) fn table_crc(head: &[u8]) -> Option<u32> {
     let count = usize::from(u16::from_le_bytes([*head.get(14)?, *head.get(15)?]));
     let mut hasher = crc32fast::Hasher::new();
-    hasher.update(&head[..PREAMBLE - 4]);
+    hasher.update(head.get(..PREAMBLE - 4)?);
     hasher.update(head.get(PREAMBLE..PREAMBLE + count * ENTRY)?);
     Some(hasher.finalize())
 }

@@ -20,6 +20,11 @@ pub(crate) fn read(section: &[u8]) -> Option<&[u8]> {
     (sound && word(at + 4) == crc32fast::hash(&section[..at + 4])).then_some(&section[..at])
 }
 
+/// The copy in a section that may be damaged: what is taken from it has a checksum in the section table.
+pub(crate) fn unchecked(section: &[u8]) -> Option<&[u8]> {
+    section.get(..section.len().checked_sub(TRAILER)?)
+}
+
 /// The section of a file whose section table is lost: the last that there is.
 pub(crate) fn find(data: &[u8]) -> Option<&[u8]> {
     let names = (TRAILER..=data.len()).rev().filter(|&end| data[end - 4..end] == *NAME).take(MAX_FOUND);

@@ -46,7 +46,7 @@ pub(super) fn take(
     let mut is_lost = vec![false; blocks];
     lost.iter().for_each(|&block| is_lost[block] = true);
     let (mut lengths, mut parts) = (Vec::new(), Vec::new());
-    for block in 0..blocks {
+    for (block, &is_lost) in is_lost.iter().enumerate() {
         let place = index.part(block);
         let intact = place.end <= data.len() && index.coded(data, block).is_ok();
         let known_lost = place.end <= data.len() && index.is_lost(data, block);
@@ -55,7 +55,7 @@ pub(super) fn take(
             damage.push(Damage::of_block(directory::EXACT, block, place.clone(), what));
         }
         let marker = lost_part(block as u32);
-        let part = if intact && !is_lost[block] { &data[place] } else { &marker[..] };
+        let part = if intact && !is_lost { &data[place] } else { &marker[..] };
         lengths.extend_from_slice(&(part.len() as u32).to_le_bytes());
         parts.extend_from_slice(part);
     }

@@ -17,7 +17,7 @@ pub(super) struct Head<'a> {
     pub(super) length: usize,
     /// Where the sections were; maybe beyond the end of what is there.
     pub(super) sections: Vec<Section>,
-    /// All before RECS, from the spare copy, if there is one that is intact.
+    /// All before RECS, from the spare copy if there is one; sections of it may be damaged.
     spare: Option<Vec<u8>>,
 }
 
@@ -63,8 +63,8 @@ impl<'a> Head<'a> {
         }
         let own = sections.iter().find(|s| s.id == directory::SPARE.as_bytes());
         let spare = own.and_then(|section| {
-            let in_place = data.get(section.range.clone()).and_then(spare::restore);
-            in_place.or_else(|| spare::find(data).and_then(spare::restore))
+            let in_place = || data.get(section.range.clone()).and_then(spare::unchecked).map(<[u8]>::to_vec);
+            spare::find(data).and_then(spare::restore).or_else(in_place)
         });
         Ok(Head { data, version, length, sections, spare })
     }
@@ -104,6 +104,9 @@ impl<'a> Head<'a> {
     }
 }
 
+/// Bytes of a file beyond which nothing is believed: sums of places do not overflow.
+const MAX_LENGTH: u64 = 1 << 48;
+
 type Table = ((u16, u16, u16), usize, Vec<Section>);
 
 /// Whether preamble and section table are those of their checksum.
@@ -130,12 +133,15 @@ fn parse(data: &[u8]) -> Result<Table> {
     if count > MAX_SECTIONS {
         return Err(broken("too many sections"));
     }
+    if length > MAX_LENGTH {
+        return Err(broken("longer than any file"));
+    }
     let mut sections = Vec::new();
     let mut start = PREAMBLE + count * ENTRY;
     for _ in 0..count {
         let id: [u8; 4] = r.bytes(4)?.try_into().expect("four bytes");
         let (flags, bytes, crc) = (r.u32()?, r.u64()?, r.u32()?);
-        let stop = usize::try_from(bytes).ok().and_then(|n| start.checked_add(n));
+        let stop = usize::try_from(bytes).ok().and_then(|n| start.checked_add(n)).filter(|&stop| stop as u64 <= length);
         let stop = stop.ok_or_else(|| broken("a section is longer than any file"))?;
         sections.push(Section { id, skippable: flags & 1 != 0, range: start..stop, crc });
         start = stop;

@@ -69,7 +69,7 @@ mod tests {
 
     #[test]
     fn every_flip_of_a_bit_is_undone() {
-        let good: Vec<u8> = (0..300u32).map(|i| (i * i * 7 >> 3) as u8).collect();
+        let good: Vec<u8> = (0..300u32).map(|i| ((i * i * 7) >> 3) as u8).collect();
         let crc = crc32fast::hash(&good);
         for bit in 0..8 * good.len() {
             let mut bad = good.clone();
