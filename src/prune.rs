@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::format::directory::{self, write_file};
 use crate::format::index::{Entry, UNKNOWN_ERROR, encode_error, write_index};
 use crate::format::record::{Record, ValidityClass};
-use crate::format::{FINAL, is_dependent};
+use crate::format::{VERSION, is_dependent};
 use crate::quantize::Quantizer;
 use crate::range::{Decoder, Encoder};
 use crate::touched::Touched;
@@ -90,7 +90,7 @@ pub fn prune<D: AsRef<[u8]>>(reader: &Reader<D>, touched: &Touched, detail: f64)
     sections.push((directory::INDEX, false, write_index(reader.partition(), &entries)));
     sections.push((directory::METADATA, true, metadata(reader, kept, detail)?));
     sections.push((directory::RECORDS, false, records));
-    Ok(PrunedFile { bytes: write_file(FINAL, &sections), kept, pruned })
+    Ok(PrunedFile { bytes: write_file(VERSION, &sections), kept, pruned })
 }
 
 /// The file's metadata with what was done to it, without what is no longer so.

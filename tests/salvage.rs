@@ -292,14 +292,14 @@ fn files_of_old_drafts_are_salvaged() {
         bad[record.start] ^= 0x40;
         let salvaged = salvage(&bad).unwrap();
         assert_eq!(salvaged.lost(), [reader.block_count() / 2]);
-        let pruned = reader.version().2 == 5;
+        let pruned = path.to_string_lossy().contains("pruned");
         if !pruned {
             check(&good, &salvaged);
         }
-        assert_eq!(repair(&bad, Limits::default()).is_ok(), draft > 3, "{}", path.display());
+        assert_eq!(repair(&bad, Limits::default()).is_ok(), draft == 0 || draft > 3, "{}", path.display());
         assert!(repair(&good, Limits::default()).unwrap().bytes == good, "{}", path.display());
     }
-    assert!(drafts.contains(&1) && drafts.contains(&3) && drafts.contains(&5), "{drafts:?}");
+    assert!([0, 1, 3, 5].iter().all(|draft| drafts.contains(draft)), "{drafts:?}");
 }
 
 /// Whatever the bytes, also under a right checksum of the section table: an answer, no panic.

@@ -214,7 +214,6 @@ fn features() -> Result<Vec<(&'static str, Encoder, BrdfTable)>, Failure> {
     Ok(vec![
         ("dct-spare", Encoder::new().block_shape(&[6, 9, 12]).spare(true), drawn.clone()),
         ("final-profile", Encoder::new(), grazing(small([30, 30, 36])?)?),
-        ("final-zeros-spare", Encoder::new().quality(0.05).spare(true), zeros.clone()),
         ("final-corrected", corrected(&[12, 7, 12], 0.1), rough.clone()),
         ("final-lossless", Encoder::new().block_shape(&[8, 3, 10]).lossless(true), exact.clone()),
         ("final-4d-spectral", Encoder::new().block_shape(&[4, 3, 5, 7]).quality(0.01), spectral.clone()),

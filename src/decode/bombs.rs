@@ -94,7 +94,7 @@ impl Bomb {
         sections.push((directory::INDEX, false, write_index(&partition, &entries)));
         sections.extend(self.metadata.clone().map(|metadata| (directory::METADATA, true, metadata)));
         sections.push((directory::RECORDS, false, records));
-        write_file(4, &sections)
+        write_file((1, 0, 4), &sections)
     }
 
     /// The same with coefficients in every block, as many as there are or the last one alone.
@@ -183,12 +183,12 @@ fn blocks_are_bounded_by_bytes() {
     let small = Bomb::default().file();
     let coding = Reader::open(&small[..]).unwrap().section(directory::CODING).unwrap().unwrap();
     sections.insert(1, (directory::CODING, false, coding));
-    let file = write_file(4, &sections);
+    let file = write_file((1, 0, 4), &sections);
     let start = Instant::now();
     assert!(matches!(Reader::open(&file[..]), Err(Error::Corrupt { section: "INDX", .. })));
     assert!(salvage_with_limits(&file, Limits::default()).is_err());
     // A cut file that says it had records for all of them.
-    let mut cut = write_file(4, &[&sections[..5], &[(directory::RECORDS, false, vec![0; 1 << 22])]].concat());
+    let mut cut = write_file((1, 0, 4), &[&sections[..5], &[(directory::RECORDS, false, vec![0; 1 << 22])]].concat());
     cut.truncate(1000);
     assert!(is_limit(salvage_with_limits(&cut, Limits::default())));
     assert!(start.elapsed().as_secs() < 5);

@@ -17,7 +17,7 @@ use crate::format::lossless::write_exact;
 use crate::format::probabilities::{decode_probability, encode_probability, write_probabilities};
 use crate::format::profile::{CodedProfile, write_profile};
 use crate::format::record::{Record, ValidityClass};
-use crate::format::{FINAL, MAX_MEANS};
+use crate::format::{MAX_MEANS, VERSION};
 use crate::lossless;
 use crate::range::{Coder, Counter, Encoder};
 use crate::table::BrdfTable;
@@ -373,8 +373,8 @@ impl Packed {
         ]);
         sections.extend(self.exact.clone().map(|exact| (directory::EXACT, true, exact)));
         match spare {
-            true => write_file_with_spare(FINAL, sections),
-            false => write_file(FINAL, &sections),
+            true => write_file_with_spare(VERSION, sections),
+            false => write_file(VERSION, &sections),
         }
     }
 }

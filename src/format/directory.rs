@@ -239,18 +239,18 @@ mod write {
     use crate::format::spare;
 
     /// As [`write_file`], with a spare copy of the sections before RECS at the end.
-    pub(crate) fn write_file_with_spare(draft: u16, mut sections: Vec<(&str, bool, Vec<u8>)>) -> Vec<u8> {
+    pub(crate) fn write_file_with_spare(version: (u16, u16, u16), mut sections: Vec<(&str, bool, Vec<u8>)>) -> Vec<u8> {
         let table = PREAMBLE + (sections.len() + 1) * ENTRY;
         let before = sections.iter().take_while(|(name, ..)| *name != RECORDS);
         let head = table + before.map(|(_, _, bytes)| bytes.len()).sum::<usize>();
         sections.push((SPARE, true, vec![0; spare::length(head)]));
-        let mut file = write_file(draft, &sections);
+        let mut file = write_file(version, &sections);
         spare::fill(&mut file);
         file
     }
 
-    /// A whole file of a draft from its sections: name, skippable, bytes.
-    pub(crate) fn write_file(draft: u16, sections: &[(&str, bool, Vec<u8>)]) -> Vec<u8> {
+    /// A whole file of a version from its sections: name, skippable, bytes.
+    pub(crate) fn write_file(version: (u16, u16, u16), sections: &[(&str, bool, Vec<u8>)]) -> Vec<u8> {
         let body: usize = sections.iter().map(|s| s.2.len()).sum();
         let length = PREAMBLE + sections.len() * ENTRY + body + END_MARKER.len();
         let mut table = ByteWriter::default();
@@ -262,9 +262,9 @@ mod write {
         }
         let mut file = ByteWriter(Vec::with_capacity(length));
         file.bytes(&MAGIC);
-        file.u16(crate::format::VERSION.0);
-        file.u16(crate::format::VERSION.1);
-        file.u16(draft);
+        file.u16(version.0);
+        file.u16(version.1);
+        file.u16(version.2);
         file.u16(sections.len() as u16);
         file.u64(length as u64);
         file.u32(0);
@@ -286,13 +286,14 @@ mod tests {
     use super::*;
 
     fn sample() -> Vec<u8> {
-        write_file(4, &[(GRID, false, vec![1, 2, 3]), ("XTRA", true, vec![]), (INDEX, false, vec![4])])
+        write_file((1, 0, 4), &[(GRID, false, vec![1, 2, 3]), ("XTRA", true, vec![]), (INDEX, false, vec![4])])
     }
 
     /// The layout of spec section 3.1 byte for byte; the sums are those of Python's zlib.
     #[test]
     fn bytes_are_those_of_the_specification() {
-        let hex: String = write_file(4, &[(GRID, false, vec![1, 2, 3])]).iter().map(|b| format!("{b:02x}")).collect();
+        let hex: String =
+            write_file((1, 0, 4), &[(GRID, false, vec![1, 2, 3])]).iter().map(|b| format!("{b:02x}")).collect();
         let preamble = "8b4353420d0a1a0a01000000040001003f00000000000000000000005650fd6a";
         let table = "475249440000000003000000000000001d80bc55";
         assert_eq!(hex, [preamble, table, "010203", "4353425244462e0a"].concat());
@@ -325,10 +326,10 @@ mod tests {
 
     #[test]
     fn unknown_sections_are_skipped_only_if_they_say_so() {
-        assert!(Directory::read(&write_file(4, &[("XTRA", true, vec![])])).is_ok());
-        let refused = Directory::read(&write_file(4, &[("XTRA", false, vec![])])).unwrap_err();
+        assert!(Directory::read(&write_file((1, 0, 4), &[("XTRA", true, vec![])])).is_ok());
+        let refused = Directory::read(&write_file((1, 0, 4), &[("XTRA", false, vec![])])).unwrap_err();
         assert!(refused.to_string().contains("XTRA"));
-        assert!(Directory::read(&write_file(4, &[(GRID, false, vec![]), (GRID, false, vec![])])).is_err());
+        assert!(Directory::read(&write_file((1, 0, 4), &[(GRID, false, vec![]), (GRID, false, vec![])])).is_err());
     }
 
     #[test]

@@ -93,7 +93,7 @@ mod tests {
     use crate::format::directory::{RECORDS, write_file, write_file_with_spare};
 
     fn file() -> Vec<u8> {
-        write_file_with_spare(4, vec![("GRID", false, vec![1, 2, 3]), (RECORDS, false, vec![9; 30])])
+        write_file_with_spare((1, 0, 4), vec![("GRID", false, vec![1, 2, 3]), (RECORDS, false, vec![9; 30])])
     }
 
     /// Spec section 3.11 byte for byte.
@@ -128,7 +128,7 @@ mod tests {
             bad[head + 30 + bit / 8] ^= 1 << (bit % 8);
             assert!(find(&bad).and_then(restore).is_none(), "{bit}");
         }
-        let without = write_file(4, &[(RECORDS, false, vec![1; 50])]);
+        let without = write_file((1, 0, 4), &[(RECORDS, false, vec![1; 50])]);
         assert!(find(&without).is_none());
     }
 }

@@ -56,10 +56,12 @@ pub fn repair(data: &[u8], limits: Limits) -> Result<Repaired> {
         }
         sections.extend(bytes.map(|bytes| (name, section.skippable, bytes)));
     }
-    let draft = if salvaged.lost().is_empty() { was.version().2 } else { FINAL };
+    let (major, minor, draft) = was.version();
+    // Lost blocks are pruned ones, which the final version has.
+    let version = (major, minor, if salvaged.lost().is_empty() { draft } else { FINAL });
     let sections = sections.iter().map(|(name, skippable, bytes)| (&name[..], *skippable, bytes.clone())).collect();
     let spare = was.sections().iter().any(|s| s.id == directory::SPARE.as_bytes());
-    let bytes = if spare { write_file_with_spare(draft, sections) } else { write_file(draft, &sections) };
+    let bytes = if spare { write_file_with_spare(version, sections) } else { write_file(version, &sections) };
     Ok(Repaired { bytes, salvaged })
 }
 
