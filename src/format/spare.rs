@@ -1,6 +1,5 @@
 //! The section SPAR (spec section 3.11): a copy of all that blocks cannot be decoded without, at the other end of the file.
 
-use crate::format::END_MARKER;
 use crate::format::directory::{self, Directory, ENTRY, PREAMBLE};
 
 /// Bytes after the copy: its length, checksum, name.
@@ -75,7 +74,7 @@ pub(crate) const fn length(head: usize) -> usize {
 pub(crate) fn fill(file: &mut [u8]) {
     let Some(entry) = own_entry(file) else { return };
     let reserved = u64::from_le_bytes(file[entry + 8..entry + 16].try_into().expect("eight bytes")) as usize;
-    let (head, end) = (reserved - TRAILER, file.len() - END_MARKER.len());
+    let (head, end) = (reserved - TRAILER, file.len() - crate::format::END_MARKER.len());
     let mut section = file[..head].to_vec();
     section[PREAMBLE - 4..PREAMBLE].fill(0);
     section[entry + 16..entry + 20].fill(0);
