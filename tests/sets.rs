@@ -312,3 +312,19 @@ fn wrong_usage_is_told() {
     run(&["verify", text(&file), "--against", tables]).expect(OPERATION).says(&["is a directory"]);
     assert!(!Path::new(env!("CARGO_TARGET_TMPDIR")).join("x").exists());
 }
+
+/// A set of format 1.0 and its manifest, read forever. CRC-32s of the binary32 values by `tools/csbrdf_decode.py`.
+#[test]
+fn the_golden_set_is_as_it_was() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/v1/set");
+    run(&["verify", text(&folder.join("manifest.json"))]).expect(0);
+    let listed = manifest(&folder.join("manifest.json"));
+    let files: Vec<_> = listed["materials"].as_array().unwrap().iter().map(|m| m["file"].as_str().unwrap()).collect();
+    let sums = [("matte.csbrdf", 0xec0e9391), ("pearl.csbrdf", 0x09461705), ("satin-paint.csbrdf", 0x5f110514)];
+    assert_eq!(files, sums.map(|(file, _)| file));
+    for (file, sum) in sums {
+        let reader = csbrdf::decode::Reader::open(std::fs::read(folder.join(file)).unwrap()).unwrap();
+        let bytes: Vec<u8> = reader.decode_all().unwrap().into_iter().flat_map(f32::to_le_bytes).collect();
+        assert_eq!(crc32fast::hash(&bytes), sum, "{file}");
+    }
+}
