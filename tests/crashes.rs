@@ -19,7 +19,7 @@ use bodies::{capi, eval, stale};
 
 fn folder(name: &str) -> Vec<(String, Vec<u8>)> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests").join(name);
-    let paths = std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path());
+    let paths = std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).filter(|path| path.is_file());
     let named = |path: &Path| path.file_name().unwrap().to_str().unwrap().to_string();
     let mut files: Vec<_> = paths.map(|path| (named(&path), std::fs::read(&path).unwrap())).collect();
     files.sort();
