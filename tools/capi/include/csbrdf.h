@@ -226,7 +226,7 @@ extern "C" {
 uint32_t csbrdf_abi_version(void);
 
 /**
- * Version of the library, such as "0.1.0". The string is never freed.
+ * Version of the library, such as "1.0.0". The string is never freed.
  */
 const char *csbrdf_version(void);
 
