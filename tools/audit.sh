@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # What takes longer than `.ci/run` may, or needs other compilers: run before a release.
 #
-#     tools/audit.sh [threads] [miri] [rust-version] [advisories]     # all of them without arguments
+#     tools/audit.sh [wasm] [threads] [miri] [rust-version] [advisories]     # all of them without arguments
 #
+# wasm          golden files and look-ups as a WebAssembly module: tools/wasm.sh
 # threads       tests/threads.rs under the thread sanitizer, the standard library included (nightly, rust-src)
 # miri          unit tests of the decoder under Miri, but those that take it hours: whole tables, all golden files (nightly, miri)
 # rust-version  everything compiles with the oldest Rust that Cargo.toml names
@@ -14,13 +15,14 @@ cd "$(dirname "$0")/.."
 export CARGO_TERM_COLOR=never CARGO_INCREMENTAL=0 PROPTEST_FAILURE_PERSISTENCE=off
 host=$(rustc -vV | sed -n 's/^host: //p')
 target=$(realpath -m "${CARGO_TARGET_DIR:-target}")/audit
-[ $# -gt 0 ] || set -- threads miri rust-version advisories
+[ $# -gt 0 ] || set -- wasm threads miri rust-version advisories
 skip() { echo "SKIPPED: $1: $2" >&2; }
 component() { rustup component add --toolchain nightly "$@" >/dev/null 2>&1; }
 
 for check in "$@"; do
     echo "== $check"
     case $check in
+    wasm) tools/wasm.sh ;;
     threads)
         component rust-src || { skip threads "no nightly with rust-src"; continue; }
         RUSTFLAGS=-Zsanitizer=thread CARGO_TARGET_DIR=$target/threads cargo +nightly test -Zbuild-std --target "$host" --locked \
