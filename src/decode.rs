@@ -18,7 +18,7 @@ use crate::format::header::{self, Coding};
 use crate::format::index::Index;
 #[cfg(feature = "metadata")]
 use crate::format::metadata::Metadata;
-use crate::format::probabilities::read_probabilities;
+use crate::format::probabilities::Probabilities;
 use crate::format::profile::read_profile;
 use crate::format::record::{Record, ValidityClass};
 use crate::format::{Limits, MAX_BLOCK_VALUES, is_compact, may_double, may_prune};
@@ -31,6 +31,7 @@ pub use self::rebuild::Scratch;
 #[cfg(feature = "encode")]
 pub(crate) use self::rebuild::{CONTEXTS, CORRECTIONS, MASKS, without_zeros};
 pub(crate) use self::rebuild::{Header, ZEROS, contexts};
+use self::table::copy_rows;
 
 /// An open file over bytes in memory or in a map. Shared freely between threads; decoding takes `&self`.
 pub struct Reader<D> {
@@ -79,7 +80,8 @@ pub(crate) fn read_header(bytes: &[u8], directory: &Directory, limits: &Limits) 
         return Err(Error::LimitExceeded { what: "values of a block", got: values as u64, limit: limit as u64 });
     }
     let contexts = if compact { contexts(coding.quantization) } else { ZEROS };
-    let probabilities = read_probabilities(directory.open(bytes, directory::PROBABILITIES)?, contexts, draft)?;
+    let probabilities = directory.open(bytes, directory::PROBABILITIES)?;
+    let probabilities = Probabilities::of_section(probabilities, contexts, draft);
     let profile = match directory.find(directory::PROFILE) {
         Some(_) if compact => Some(read_profile(directory.open(bytes, directory::PROFILE)?, &grid)?),
         Some(section) => {
@@ -96,7 +98,8 @@ pub(crate) fn read_header(bytes: &[u8], directory: &Directory, limits: &Limits) 
 }
 
 impl<D: AsRef<[u8]>> Reader<D> {
-    /// Opens a file: checks the header sections and the whole index, touches no record.
+    /// Opens a file: checks the header sections and the whole index, touches no record. What only records need, the probabilities
+    /// of the coder and the grazing profile, is checked by its checksum and decoded with the first block.
     ///
     /// # Errors
     /// `NotCsbrdf`, `UnsupportedVersion`, `Truncated` or `Corrupt` with section and offset; `LimitExceeded`.
@@ -275,8 +278,9 @@ impl<D: AsRef<[u8]>> Reader<D> {
         self.rebuild(block, &record, scratch)
     }
 
-    /// Fails if the profile is damaged.
-    fn check_profile(&self) -> Result<()> {
+    /// Decodes what opening has left for the first block; fails if it is damaged.
+    fn prepare(&self) -> Result<()> {
+        self.header.probabilities.get()?;
         if let Some(coded) = &self.header.coded_profile {
             self.header.profile().map_err(|what| Error::corrupt("GRAZ", coded.offset, what))?;
         }
@@ -285,7 +289,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
 
     fn rebuild(&self, block: usize, record: &Record, scratch: &mut Scratch) -> Result<Block> {
         let place = self.place(block)?;
-        self.check_profile()?;
+        self.prepare()?;
         self.header
             .rebuild(&place, record, self.index.means(block), scratch)
             .map_err(|what| self.bad_record(block, what))?;
@@ -295,7 +299,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
     /// The coefficients of a block of a file without corrections, in the scratch.
     fn decode_coefficients(&self, block: usize, place: &Block, scratch: &mut Scratch) -> Result<()> {
         let record = self.record_to_decode(block)?;
-        let mut decoder = Decoder::new(&self.header.probabilities, record.coded);
+        let mut decoder = Decoder::new(self.header.probabilities.get()?, record.coded);
         let decoded = self.header.decode_record(place, record.class, &mut decoder, scratch);
         decoded.and_then(|()| decoder.check_end()).map_err(|what| self.bad_record(block, what))
     }
@@ -320,8 +324,25 @@ impl<D: AsRef<[u8]>> Reader<D> {
         if out.len() != expected {
             return Err(Error::InvalidArgument(format!("block {block} has {expected} values, not {}", out.len())));
         }
-        self.decode_log(block, scratch)?;
-        out.copy_from_slice(self.header.values(scratch));
+        let positions = expected / self.grid().channels().len();
+        self.values_in_rows(block, scratch, out.chunks_exact_mut(positions).collect())
+    }
+
+    /// The values of a block in its rows, those of each channel after each other.
+    fn values_in_rows(&self, block: usize, scratch: &mut Scratch, rows: Vec<&mut [f32]>) -> Result<()> {
+        if self.coding().correction.is_some() {
+            self.decode_log(block, scratch)?;
+            copy_rows(rows, self.header.values(scratch));
+            return Ok(());
+        }
+        let place = self.place(block)?;
+        let record = self.record_to_decode(block)?;
+        self.prepare()?;
+        self.header
+            .components(&place, &record, self.index.means(block), scratch)
+            .and_then(|decoder| decoder.check_end())
+            .map_err(|what| self.bad_record(block, what))?;
+        self.header.values_in_rows(scratch, rows);
         Ok(())
     }
 

@@ -376,21 +376,24 @@ pub(crate) fn code_number<C: Coder>(
     mantissa: usize,
     value: u32,
 ) -> Result<u32, OutOfRange> {
-    let length = u32::BITS - value.leading_zeros();
-    let mut bits = 0;
-    while coder.bit(unary + bits as usize, bits < length) {
-        bits += 1;
-        if bits as usize == EXPONENTS {
-            return Err(OutOfRange);
-        }
+    let bits = coder.unary(unary, EXPONENTS as u32, u32::BITS - value.leading_zeros());
+    if bits as usize == EXPONENTS {
+        return Err(OutOfRange);
     }
-    if bits < 2 {
-        return Ok(bits);
-    }
-    let second = coder.bit(mantissa + bits as usize, value >> (bits - 2) & 1 == 1);
-    let low = coder.raw(value & ((1 << (bits - 2)) - 1), bits - 2);
-    let decoded = (2 | u32::from(second)) << (bits - 2) | low;
+    let decoded = code_low_bits(coder, mantissa, bits, value);
     if decoded < MAX_MAGNITUDE { Ok(decoded) } else { Err(OutOfRange) }
+}
+
+/// The bits below the leading one of a number of `bits` bits: the first under a context of its own, from `contexts` on, the
+/// rest raw.
+#[inline(always)]
+pub(crate) fn code_low_bits<C: Coder>(coder: &mut C, contexts: usize, bits: u32, value: u32) -> u32 {
+    if bits < 2 {
+        return bits;
+    }
+    let low = bits - 2;
+    let second = coder.bit(contexts + bits as usize, value >> low & 1 == 1);
+    (2 | u32::from(second)) << low | coder.raw(value & ((1 << low) - 1), low)
 }
 
 /// Bits of [`code_number`] under the contexts of a magnitude.

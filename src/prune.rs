@@ -127,7 +127,8 @@ impl Thinner<'_> {
     /// `None` if every coefficient is needed.
     fn thin(&mut self, place: &Block, record: &Record) -> Result<Option<Thinned>, &'static str> {
         let Thinner { header, detail, scratch, walk } = self;
-        let mut decoder = Decoder::new(&header.probabilities, record.coded);
+        let probabilities = header.probabilities.get().map_err(|_| "its probabilities are damaged")?;
+        let mut decoder = Decoder::new(probabilities, record.coded);
         header.decode_record(place, record.class, &mut decoder, scratch)?;
         decoder.check_end()?;
         // Beyond the extents a scratch holds what blocks before have left there.
@@ -142,7 +143,7 @@ impl Thinner<'_> {
         if lost == 0.0 {
             return Ok(None);
         }
-        let mut coder = Encoder::new(&header.probabilities);
+        let mut coder = Encoder::new(probabilities);
         if matches!(record.class, ValidityClass::Mask | ValidityClass::MaskPerChannel) {
             header.mask_model().code(&mut coder, MASKS, place, &mut scratch.masks.clone());
         }

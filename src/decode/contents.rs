@@ -52,7 +52,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
         let place = self.place(block)?;
         let record = self.record(block)?;
         let mut masks = Vec::new();
-        let mut decoder = Decoder::new(&self.header.probabilities, record.coded);
+        let mut decoder = Decoder::new(self.header.probabilities.get()?, record.coded);
         self.header.decode_masks(&place, record.class, &mut decoder, &mut masks);
         let channels = self.grid().channels().len();
         let copies = if record.class == ValidityClass::MaskPerChannel { 1 } else { channels };

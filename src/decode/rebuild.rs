@@ -11,6 +11,7 @@ use crate::dependent::Quantization;
 use crate::entropy::{self, Walk};
 use crate::error::Result;
 use crate::format::header::Coding;
+use crate::format::probabilities::Probabilities;
 use crate::format::profile::CodedProfile;
 use crate::format::record::{Record, ValidityClass};
 use crate::fourier::{AxisTable, Basis, Extents, Synthesis};
@@ -47,7 +48,7 @@ pub(crate) struct Header {
     pub(crate) grid: Grid,
     pub(crate) coding: Coding,
     pub(crate) partition: Partition,
-    pub(crate) probabilities: Vec<u16>,
+    pub(crate) probabilities: Probabilities,
     pub(super) synthesis: Synthesis,
     pub(super) level: Level,
     horizon: OnceLock<Option<Horizon>>,
@@ -84,7 +85,7 @@ impl Scratch {
 }
 
 impl Header {
-    pub(crate) fn new(grid: Grid, coding: Coding, partition: Partition, probabilities: Vec<u16>) -> Header {
+    pub(crate) fn new(grid: Grid, coding: Coding, partition: Partition, probabilities: Probabilities) -> Header {
         let synthesis = Synthesis::new(coding.basis, &partition.axis_lengths());
         Header {
             grid,
@@ -209,7 +210,8 @@ impl Header {
         means: &[i32],
         scratch: &mut Scratch,
     ) -> Result<Decoder<'a>, &'static str> {
-        let mut decoder = Decoder::new(&self.probabilities, record.coded);
+        let mut decoder =
+            Decoder::new(self.probabilities.get().map_err(|_| "its probabilities are damaged")?, record.coded);
         self.decode_record(block, record.class, &mut decoder, scratch)?;
         self.synthesize(block, means, scratch)?;
         Ok(decoder)

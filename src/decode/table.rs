@@ -38,20 +38,7 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
             return self.in_batches(decode, |block, decoded| self.scatter(block, &decoded, values));
         }
         for_each_block(self.partition().rows_by_block(values), |scratch, block, rows| {
-            if self.coding().correction.is_some() {
-                self.decode_log(block, scratch)?;
-                copy_rows(rows, self.header.values(scratch));
-                return Ok(());
-            }
-            let place = self.place(block)?;
-            let record = self.record_to_decode(block)?;
-            self.check_profile()?;
-            self.header
-                .components(&place, &record, self.index.means(block), scratch)
-                .and_then(|decoder| decoder.check_end())
-                .map_err(|what| self.bad_record(block, what))?;
-            self.header.values_in_rows(scratch, rows);
-            Ok(())
+            self.values_in_rows(block, scratch, rows)
         })
     }
 
@@ -123,6 +110,11 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
                 None
             }
         };
+        // Without it no record decodes.
+        if let Err(e) = self.prepare() {
+            damage.push(e);
+            return damage;
+        }
         let check = |scratch: &mut Scratch, block: usize| {
             let record = self.record(block).and_then(|record| self.rebuild(block, &record, scratch)).err();
             // What was lost and is marked so is no damage any more.

@@ -88,3 +88,33 @@ fn what_a_scratch_holds_does_not_matter() {
         }
     }
 }
+
+/// What opening leaves for the first block, with a right checksum and nothing sensible in it: an error there that names it, once.
+#[cfg(feature = "encode")]
+#[test]
+fn probabilities_out_of_range_are_an_error_of_the_first_block() {
+    use crate::error::Error;
+    use crate::format::{VERSION, directory};
+
+    let (_, bytes) = golden().into_iter().find(|(name, _)| name.ends_with("final-profile.csbrdf")).unwrap();
+    let reader = Reader::open(&bytes[..]).unwrap();
+    let names = ["GRID", "CODE", "PART", "PROB", "GRAZ", "INDX", "META", "RECS"];
+    let mut sections: Vec<_> =
+        names.iter().filter_map(|name| Some((*name, *name == "META", reader.section(name).unwrap()?))).collect();
+    for (name, _, section) in &mut sections {
+        if *name == directory::PROBABILITIES {
+            // The count of contexts, then a chain of ones: a difference with too many bits.
+            section.truncate(2);
+            section.extend([0; 60]);
+        }
+    }
+    let bytes = directory::write_file(VERSION, &sections);
+    let reader = Reader::open(&bytes[..]).unwrap();
+    let mut values = vec![0.0; reader.block_values(1).unwrap()];
+    let named = |e: &Error| matches!(e, Error::Corrupt { section, .. } if *section == directory::PROBABILITIES);
+    assert!(named(&reader.block_into(1, &mut values).unwrap_err()));
+    assert!(named(&reader.decode_all().unwrap_err()));
+    assert!(named(&reader.block_validity(1).unwrap_err()));
+    let damage = reader.verify();
+    assert!(damage.len() == 1 && named(&damage[0]), "{damage:?}");
+}

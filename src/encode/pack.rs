@@ -167,7 +167,7 @@ pub(super) fn pack(
 ) -> Result<Packed> {
     coding.correction = bound.map(|bound| bound.step);
     let place = |number: usize| partition.block(number).expect("one entry a block");
-    let flat = Header::new(table.grid().clone(), coding.clone(), partition.clone(), vec![1 << 15; CONTEXTS])
+    let flat = Header::new(table.grid().clone(), coding.clone(), partition.clone(), vec![1 << 15; CONTEXTS].into())
         .with_profile(profile.clone());
     let means: Vec<i32> = blocks.iter().flat_map(|b| b.means.iter().map(|mean| mean.unwrap_or(0))).collect();
     let components = table.grid().channels().len();
@@ -221,17 +221,17 @@ pub(super) fn pack(
     let mut codes: Vec<Option<u8>> =
         counter.probabilities(PROBABILITY_BITS).into_iter().map(|p| p.map(encode_probability)).collect();
     codes.truncate(contexts(coding.quantization));
-    let probabilities = codes.iter().map(|code| code.map_or(1 << 15, decode_probability)).collect();
+    let probabilities: Vec<u16> = codes.iter().map(|code| code.map_or(1 << 15, decode_probability)).collect();
     let written_profile = profile.as_ref().map(write_profile);
-    let header =
-        Header::new(table.grid().clone(), coding.clone(), partition.clone(), probabilities).with_profile(profile);
+    let header = Header::new(table.grid().clone(), coding.clone(), partition.clone(), probabilities.into())
+        .with_profile(profile);
 
     let missing = lossless.then(|| usual_missing(table));
     let coded: Vec<(Vec<u8>, BlockError, Vec<u8>)> = (0..blocks.len())
         .into_par_iter()
         .map_init(Buffers::default, |buffers, number| {
             let block = uncoded(number);
-            let mut coder = Encoder::new(&header.probabilities);
+            let mut coder = Encoder::new(header.probabilities.get()?);
             block.code(&mut coder, &header, &corrections[number], buffers);
             let coded = coder.finish();
             // Nothing to sample, nothing to double.

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use crate::bits::{ByteReader, read_int, read_uint};
 use crate::block::Partition;
-use crate::entropy::MAX_MAGNITUDE;
+use crate::entropy::{MAX_MAGNITUDE, code_low_bits};
 use crate::error::{Error, Result};
 use crate::format::MAX_MEANS;
 use crate::format::directory::Section;
@@ -79,19 +79,10 @@ fn round(x: f64) -> i32 {
     whole.saturating_add(i32::from(rest >= 0.5)).saturating_sub(i32::from(rest <= -0.5))
 }
 
-/// A number: its count of bits in unary, the bit after the leading one under a context of its own, the rest raw.
+/// A number: its count of bits in unary, then what [`code_low_bits`] codes.
 fn code_number<C: Coder>(coder: &mut C, contexts: usize, value: u32) -> u32 {
-    let length = bit_length(value);
-    let mut bits = 0;
-    while (bits as usize) < NUMBER_BITS && coder.bit(contexts + bits as usize, bits < length) {
-        bits += 1;
-    }
-    if bits < 2 {
-        return bits;
-    }
-    let low = bits - 2;
-    let second = coder.bit(contexts + NUMBER_BITS + bits as usize, value >> low & 1 == 1);
-    (2 | u32::from(second)) << low | coder.raw(value & ((1 << low) - 1), low)
+    let bits = coder.unary(contexts, NUMBER_BITS as u32, bit_length(value));
+    code_low_bits(coder, contexts + NUMBER_BITS, bits, value)
 }
 
 impl Chain {

@@ -6,6 +6,7 @@ use crate::bits::ByteReader;
 use crate::entropy::{MAX_NUMBER_BITS, code_number};
 use crate::error::Result;
 use crate::exact::exp64;
+use crate::format::directory::PROBABILITIES;
 use crate::format::{is_compact, is_dependent};
 use crate::range::{Coder, Decoder};
 
@@ -56,7 +57,42 @@ fn code_entries<C: Coder>(coder: &mut C, codes: &mut [Option<u8>]) -> Option<()>
     Some(())
 }
 
-pub(crate) fn read_probabilities(mut r: ByteReader, contexts: usize, draft: u16) -> Result<Vec<u16>> {
+/// Probabilities of a one in each context, decoded at first use: opening does not wait for what only records need.
+pub(crate) struct Probabilities {
+    coded: Vec<u8>,
+    /// Offset of the section within the file.
+    offset: u64,
+    contexts: usize,
+    draft: u16,
+    decoded: OnceLock<Vec<u16>>,
+}
+
+impl Probabilities {
+    /// Those that a section holds.
+    pub(crate) fn of_section(r: ByteReader, contexts: usize, draft: u16) -> Probabilities {
+        let offset = r.offset();
+        Probabilities { coded: r.rest().to_vec(), offset, contexts, draft, decoded: OnceLock::new() }
+    }
+
+    /// Fails if what the section holds is out of range: its checksum was right.
+    pub(crate) fn get(&self) -> Result<&[u16]> {
+        if let Some(decoded) = self.decoded.get() {
+            return Ok(decoded);
+        }
+        let section = ByteReader::new(&self.coded, self.offset, PROBABILITIES);
+        let decoded = read_probabilities(section, self.contexts, self.draft)?;
+        Ok(self.decoded.get_or_init(|| decoded))
+    }
+}
+
+impl From<Vec<u16>> for Probabilities {
+    fn from(probabilities: Vec<u16>) -> Probabilities {
+        let (contexts, decoded) = (probabilities.len(), OnceLock::from(probabilities));
+        Probabilities { coded: Vec::new(), offset: 0, contexts, draft: 0, decoded }
+    }
+}
+
+fn read_probabilities(mut r: ByteReader, contexts: usize, draft: u16) -> Result<Vec<u16>> {
     // Number of contexts, fixed by the entropy coder.
     let count = usize::from(r.u16()?);
     if count != contexts {
