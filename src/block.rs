@@ -263,20 +263,31 @@ impl Partition {
             })
             .collect();
         let [n0, n1, n2, n3] = self.grid;
-        for (row, mut line) in planes.chunks_exact_mut(n3).enumerate() {
-            let [_, i, j, k] = unravel(row % (n0 * n1 * n2), [1, n0, n1, n2]);
-            let mut tile = self.tile_of([i, j, k, 0]);
-            while !line.is_empty() {
+        // Of the tiles that a plane of the last two axes meets, the number of the first block there: threads wait for these loops, so
+        // that no row divides but once a tile.
+        let mut firsts = vec![0; self.tiles[2] * self.tiles[3]];
+        for (row, plane) in planes.chunks_exact_mut(n2 * n3).enumerate() {
+            let (i, j) = (row / n1 % n0, row % n1);
+            let met = self.tile_of([i, j, 0, 0]);
+            for (first, tile) in firsts.iter_mut().zip(met..) {
                 let (bounds, shape, counts) = &tiles[tile];
-                let at = [0, 1, 2, 3].map(|a| ([i, j, k, 0][a].saturating_sub(bounds.origin[a])) / shape[a]);
-                // Blocks of a tile along the last axis have numbers that follow each other.
-                let first = self.first[tile] as usize + linear(at, *counts);
-                let (of_tile, rest) = line.split_at_mut(bounds.shape[3]);
-                for (block, segment) in blocks[first..].iter_mut().zip(of_tile.chunks_mut(shape[3])) {
-                    block.push(segment);
+                let at = [(i - bounds.origin[0]) / shape[0], (j - bounds.origin[1]) / shape[1], 0, 0];
+                *first = self.first[tile] as usize + linear(at, *counts);
+            }
+            let along = firsts.chunks_exact(self.tiles[3]).zip((met..).step_by(self.tiles[3]));
+            let bands = plane.chunks_mut(self.tile[2] * n3).zip(along);
+            for (band, (firsts, tile)) in bands {
+                for (k, mut line) in band.chunks_exact_mut(n3).enumerate() {
+                    for (first, (bounds, shape, counts)) in firsts.iter().zip(&tiles[tile..]) {
+                        // Blocks of a tile along the last axis have numbers that follow each other.
+                        let first = first + k / shape[2] * counts[3];
+                        let (of_tile, rest) = line.split_at_mut(bounds.shape[3]);
+                        for (block, segment) in blocks[first..].iter_mut().zip(of_tile.chunks_mut(shape[3])) {
+                            block.push(segment);
+                        }
+                        line = rest;
+                    }
                 }
-                line = rest;
-                tile += 1;
             }
         }
         blocks

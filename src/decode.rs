@@ -3,6 +3,7 @@
 mod batches;
 #[cfg(all(test, feature = "encode"))]
 mod bombs;
+mod buffer;
 mod contents;
 pub(crate) mod lossless;
 pub(crate) mod point;

@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::sync::OnceLock;
 
+use super::buffer::Buffer;
 use super::table::copy_rows;
 use crate::block::{Block, Partition};
 use crate::channel::ChannelTransform;
@@ -60,7 +61,7 @@ pub(crate) struct Header {
 /// Buffers of a decode, for callers that rebuild many blocks on a thread.
 #[derive(Debug, Default)]
 pub struct Scratch {
-    pub(crate) coefficients: Vec<i32>,
+    pub(crate) coefficients: Buffer<i32>,
     pub(crate) extents: Vec<Extents>,
     walk: Walk,
     class: ValidityClass,
@@ -69,7 +70,7 @@ pub struct Scratch {
     /// Exact zeros, `[channel][position]`; empty where the file tells none.
     pub(crate) zeros: Vec<bool>,
     /// Log values, `[channel][position]`.
-    pub(crate) log: Vec<f32>,
+    pub(crate) log: Buffer<f32>,
     lines: Vec<f32>,
     corrections: Vec<i32>,
     correct: correct::Walk,
@@ -136,7 +137,7 @@ impl Header {
         if class != ValidityClass::Horizon || self.coding.zeros || self.coding.correction.is_some() {
             self.decode_masks(block, class, decoder, &mut scratch.masks);
         }
-        scratch.coefficients.resize(channels * n, 0);
+        scratch.coefficients.resize(channels * n);
         if class.is_mean_only() {
             scratch.extents.clear();
             scratch.extents.resize(channels, [0; 4]);
@@ -220,7 +221,7 @@ impl Header {
     /// Components of log values in `scratch.log`, from the coefficients and extents in the scratch.
     pub(super) fn synthesize(&self, block: &Block, means: &[i32], scratch: &mut Scratch) -> Result<(), &'static str> {
         let n = block.positions();
-        scratch.log.resize(scratch.coefficients.len(), 0.0);
+        scratch.log.resize(scratch.coefficients.len());
         for (component, values) in scratch.log.chunks_exact_mut(n).enumerate() {
             if self.coding.basis == Basis::Dft {
                 values.fill(0.0);
@@ -266,10 +267,16 @@ impl Header {
     /// BRDF values in the rows of a block, `[channel][row]`, from the components in the scratch.
     pub(super) fn values_in_rows(&self, scratch: &mut Scratch, mut rows: Vec<&mut [f32]>) {
         let eps = self.coding.eps as f32;
-        if let (ChannelTransform::Matrix(matrix), 3, []) =
-            (&self.coding.transform, self.grid.channels().len(), &scratch.zeros[..])
-        {
+        if let (ChannelTransform::Matrix(matrix), 3) = (&self.coding.transform, self.grid.channels().len()) {
             self.level.run(OpponentRows { matrix, eps, components: &scratch.log, rows: &mut rows });
+            let mut zeros = &scratch.zeros[..];
+            for row in rows.iter_mut().filter(|_| !scratch.zeros.is_empty()) {
+                let (here, rest) = zeros.split_at(row.len());
+                if here.contains(&true) {
+                    row.iter_mut().zip(here).filter(|(_, zero)| **zero).for_each(|(value, _)| *value = 0.0);
+                }
+                zeros = rest;
+            }
             return;
         }
         self.to_channels(&mut scratch.log);
@@ -297,8 +304,8 @@ impl Header {
         means: &[i32],
         scratch: &mut Scratch,
     ) -> Result<(), &'static str> {
-        scratch.coefficients.clear();
-        scratch.coefficients.extend_from_slice(coefficients);
+        scratch.coefficients.resize(coefficients.len());
+        scratch.coefficients.copy_from_slice(coefficients);
         scratch.extents.clear();
         scratch.extents.extend_from_slice(extents);
         self.synthesize(block, means, scratch)?;

@@ -1,0 +1,34 @@
+//! Memory for the values of one block after the other.
+
+use std::ops::{Deref, DerefMut};
+
+/// Values of the block at hand. What it shrinks by stays, for the next larger block, which need not be zeroed again.
+#[derive(Debug, Default)]
+pub(crate) struct Buffer<T> {
+    values: Vec<T>,
+    len: usize,
+}
+
+impl<T: Copy + Default> Buffer<T> {
+    /// So many values, whatever stands in them.
+    pub(crate) fn resize(&mut self, len: usize) {
+        if self.values.len() < len {
+            self.values.resize(len, T::default());
+        }
+        self.len = len;
+    }
+}
+
+impl<T> Deref for Buffer<T> {
+    type Target = [T];
+
+    fn deref(&self) -> &[T] {
+        &self.values[..self.len]
+    }
+}
+
+impl<T> DerefMut for Buffer<T> {
+    fn deref_mut(&mut self) -> &mut [T] {
+        &mut self.values[..self.len]
+    }
+}
