@@ -1,7 +1,7 @@
 //! Measures the decoder on files: `cargo run --release --example measure -- FILE.csbrdf...`
 //!
 //! Per file, in one run: the time to map and open it; open and one random block, nothing shared between repetitions
-//! but the page cache; one random block warm, per decoded value; the whole table to float32 on one thread and on all, beside
+//! but the page cache; one random block warm, into a buffer that is kept, per decoded value; the whole table to float32 on one thread and on all, beside
 //! reading a MERL file of that size from the page cache and converting it to float32; `Brdf::eval` for random directions with
 //! a cache that holds every block and with one of a tenth of the table, beside the same look-up in the table as float32 in memory.
 //! Medians, with 10 % and 90 % quantiles for the cold block.
@@ -10,10 +10,11 @@ use std::hint::black_box;
 use std::path::Path;
 use std::time::Instant;
 
-use csbrdf::coords::{Lookup, grid_coordinates, taps};
 use csbrdf::decode::{Reader, Scratch};
 use csbrdf::eval::Brdf;
 use csbrdf::sample::SplitMix64;
+
+mod raw;
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -65,14 +66,15 @@ fn measure(path: &Path) -> Result<(), Failure> {
         Ok(())
     })?;
 
-    let mut scratch = Scratch::default();
+    let largest = (0..blocks).map(|block| reader.block_values(block)).try_fold(0, |most, n| n.map(|n| most.max(n)))?;
+    let (mut scratch, mut values) = (Scratch::default(), vec![0.0; largest]);
     let mut decoded = 0;
     let warm = times(10, |_| {
         for _ in 0..blocks {
             let block = random.next_u64() as usize % blocks;
-            let mut values = vec![0.0; reader.block_values(block)?];
-            reader.block_with(block, &mut scratch, &mut values)?;
-            decoded += black_box(values).len();
+            let values = &mut values[..reader.block_values(block)?];
+            reader.block_with(block, &mut scratch, black_box(&mut *values))?;
+            decoded += values.len();
         }
         Ok(())
     })?;
@@ -88,59 +90,42 @@ fn measure(path: &Path) -> Result<(), Failure> {
     };
     let (single, all) = (full(1)?, full(std::thread::available_parallelism()?.get())?);
 
-    let mut direction = || {
-        let mut uniform = || (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
-        let (z, phi) = (uniform(), std::f64::consts::TAU * uniform());
-        let r = (1.0 - z * z).sqrt();
-        [r * phi.cos(), r * phi.sin(), z]
-    };
-    let pairs: Vec<_> = (0..100_000).map(|_| (direction(), direction())).collect();
+    let (wi, wo) = raw::directions(100_000, &mut random);
     let table = reader.decode_all()?;
     let bytes = 4 * table.len();
     let grid = reader.grid();
     let channels = grid.channels().len();
     let mut value = vec![0.0; channels];
-    let mut eval = |cache: usize, pairs: &[([f64; 3], [f64; 3])]| -> Result<f64, Failure> {
+    let mut eval = |cache: usize, pairs: usize| -> Result<f64, Failure> {
         let brdf = Brdf::open(Reader::open_path(path)?)?.with_cache_bytes(cache);
         let seconds = times(5, |_| {
-            for &(wi, wo) in pairs {
-                brdf.eval_into(wi, wo, &mut value)?;
+            for (wi, wo) in wi.iter().zip(&wo).take(pairs) {
+                brdf.eval_into(*wi, *wo, &mut value)?;
                 black_box(&value);
             }
             Ok(())
         })?;
-        Ok(quantile(&seconds, 0.5) / pairs.len() as f64)
+        Ok(quantile(&seconds, 0.5) / pairs as f64)
     };
     // Most of them decode a block.
-    let (warm_eval, tight_eval) = (eval(usize::MAX, &pairs)?, eval(bytes / 10, &pairs[..500])?);
+    let (warm_eval, tight_eval) = (eval(usize::MAX, wi.len())?, eval(bytes / 10, 500)?);
     let many_eval = {
         let brdf = Brdf::open(Reader::open_path(path)?)?.with_cache_bytes(usize::MAX);
-        let (wi, wo): (Vec<_>, Vec<_>) = pairs.iter().copied().unzip();
-        let mut values = vec![0.0; pairs.len() * channels];
+        let mut values = vec![0.0; wi.len() * channels];
         let seconds = times(5, |_| Ok(brdf.eval_many(&wi, &wo, black_box(&mut values))?))?;
-        quantile(&seconds, 0.5) / pairs.len() as f64
+        quantile(&seconds, 0.5) / wi.len() as f64
     };
-    let n = grid.positions();
     let raw_eval = times(5, |_| {
-        for &(wi, wo) in &pairs {
-            value.fill(0.0);
-            if let Some(at) = grid_coordinates(grid, wi, wo) {
-                for &(position, weight) in taps(grid, at, Lookup::Linear).as_slice() {
-                    for (c, sum) in value.iter_mut().enumerate() {
-                        *sum += table[c * n + position] * weight as f32;
-                    }
-                }
-            }
+        for (wi, wo) in wi.iter().zip(&wo) {
+            raw::look_up(grid, &table, *wi, *wo, &mut value);
             black_box(&value);
         }
         Ok(())
     })?;
-    let raw = tempfile::NamedTempFile::new()?;
-    std::fs::write(raw.path(), vec![0x3F; 12 + 8 * table.len()])?;
+    let raw_file = tempfile::NamedTempFile::new()?;
+    raw::write(raw_file.path(), table.len())?;
     let raw_read = times(15, |_| {
-        let bytes = std::fs::read(raw.path())?;
-        let values = bytes[12..].chunks_exact(8).map(|b| b.try_into().map(|b| f64::from_le_bytes(b) as f32));
-        black_box(values.collect::<Result<Vec<f32>, _>>()?);
+        black_box(raw::read(raw_file.path())?);
         Ok(())
     })?;
 
@@ -159,7 +144,7 @@ fn measure(path: &Path) -> Result<(), Failure> {
         warm_eval * 1e9,
         many_eval * 1e9,
         tight_eval * 1e9,
-        quantile(&raw_eval, 0.5) / pairs.len() as f64 * 1e9,
+        quantile(&raw_eval, 0.5) / wi.len() as f64 * 1e9,
     );
     Ok(())
 }
