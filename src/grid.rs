@@ -193,6 +193,18 @@ impl Grid {
         Grid { axes, channels: Grid::rgb_channels(MERL_SCALE) }
     }
 
+    /// The same axes, cut into other numbers of bins, slowest first; the same channels.
+    ///
+    /// # Errors
+    /// `InvalidArgument` if it is not one number an axis, or as [`Grid::new`].
+    pub fn with_lengths(&self, lengths: &[usize]) -> Result<Grid> {
+        if lengths.len() != self.axes.len() {
+            return Err(Error::InvalidArgument(format!("{} lengths for {} axes", lengths.len(), self.axes.len())));
+        }
+        let axes = self.axes.iter().zip(lengths).map(|(&axis, &len)| Axis { len, ..axis }).collect();
+        Grid::new(axes, self.channels.clone())
+    }
+
     /// Channels R, G, B with the given scales to 1/sr.
     pub fn rgb_channels(scale: [f64; 3]) -> Vec<Channel> {
         ["R", "G", "B"]
@@ -247,6 +259,18 @@ mod tests {
         assert!((theta_h.coordinate(deg.to_radians()) - bin).abs() < 1e-12);
         assert!((theta_h.angle(bin) - deg.to_radians()).abs() < 1e-12);
         assert!((grid.axes()[2].angle(179.5).to_degrees() - 179.5).abs() < 1e-9);
+    }
+
+    #[test]
+    fn other_lengths_keep_what_the_axes_mean() {
+        let grid = Grid::merl().with_lengths(&[30, 20, 10]).unwrap();
+        assert_eq!(grid.shape(), [1, 30, 20, 10]);
+        assert_eq!(grid.channels(), Grid::merl().channels());
+        let ends = |grid: &Grid| grid.axes().iter().map(|axis| axis.angle(axis.len as f64)).collect::<Vec<_>>();
+        assert_eq!(ends(&grid), ends(&Grid::merl()));
+        for lengths in [&[30, 20][..], &[30, 20, 10, 3], &[30, 0, 10]] {
+            assert!(Grid::merl().with_lengths(lengths).is_err(), "{lengths:?}");
+        }
     }
 
     #[test]

@@ -205,14 +205,11 @@ mod tests {
     use crate::coords::{Lookup, grid_coordinates, half_diff, taps};
     use crate::decode::{Origin, Reader};
     use crate::encode::Encoder;
-    use crate::grid::Axis;
     use crate::table::BrdfTable;
     use proptest::prelude::*;
 
     fn small() -> Grid {
-        let merl = Grid::merl();
-        let axes: Vec<Axis> = merl.axes().iter().zip([20, 20, 36]).map(|(&axis, len)| Axis { len, ..axis }).collect();
-        Grid::new(axes, merl.channels().to_vec()).unwrap()
+        Grid::merl().with_lengths(&[20, 20, 36]).unwrap()
     }
 
     /// The bin that a lookup reads at the row's directions.

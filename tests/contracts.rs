@@ -8,7 +8,7 @@ use csbrdf::decode::Reader;
 use csbrdf::encode::contract::Contract;
 use csbrdf::encode::{Encoder, Preset};
 use csbrdf::error::Error;
-use csbrdf::grid::{Axis, Grid};
+use csbrdf::grid::Grid;
 use csbrdf::proof::prove;
 use csbrdf::sample::SplitMix64;
 use csbrdf::table::BrdfTable;
@@ -18,9 +18,7 @@ use proptest::prelude::*;
 const EPS: f64 = 1e-3;
 
 fn grid(lens: [usize; 3]) -> Grid {
-    let merl = Grid::merl();
-    let axes: Vec<Axis> = merl.axes().iter().zip(lens).map(|(&axis, len)| Axis { len, ..axis }).collect();
-    Grid::new(axes, merl.channels().to_vec()).unwrap()
+    Grid::merl().with_lengths(&lens).unwrap()
 }
 
 fn table(name: &str) -> BrdfTable {

@@ -6,16 +6,13 @@ use csbrdf::encode::contract::Contract;
 use csbrdf::encode::{Encoder, Preset};
 use csbrdf::error::Error;
 use csbrdf::format::{END_MARKER, Limits, MAGIC};
-use csbrdf::grid::{Axis, Grid};
+use csbrdf::grid::Grid;
 use csbrdf::table::BrdfTable;
 use csbrdf::table::synth::Recipe;
 use std::sync::OnceLock;
 
 fn table() -> BrdfTable {
-    let lens = [10, 12, 16];
-    let merl = Grid::merl();
-    let axes: Vec<Axis> = merl.axes().iter().zip(lens).map(|(&axis, len)| Axis { len, ..axis }).collect();
-    let grid = Grid::new(axes, merl.channels().to_vec()).unwrap();
+    let grid = Grid::merl().with_lengths(&[10, 12, 16]).unwrap();
     Recipe { holes: 0.03, ..Recipe::named("satin-paint").unwrap() }.synthesise(&grid).unwrap()
 }
 

@@ -319,9 +319,7 @@ mod lossless {
     }
 
     fn check(bits: &[u64], encoder: Encoder) {
-        let merl = Grid::merl();
-        let axes: Vec<Axis> = merl.axes().iter().zip(LENS).map(|(&axis, len)| Axis { len, ..axis }).collect();
-        let grid = Grid::new(axes, merl.channels().to_vec()).unwrap();
+        let grid = Grid::merl().with_lengths(&LENS).unwrap();
         let table = BrdfTable::from_values(grid, bits.iter().map(|&b| f64::from_bits(b)).collect()).unwrap();
         let reader = Reader::open(encoder.lossless(true).encode(&table).unwrap().bytes).unwrap();
         assert!(reader.is_lossless() && reader.verify().is_empty());
@@ -376,9 +374,7 @@ mod lossless {
     #[test]
     fn other_files_say_that_they_are_not() {
         let table = csbrdf::table::synth::Recipe::named("matte").unwrap();
-        let merl = Grid::merl();
-        let axes: Vec<Axis> = merl.axes().iter().zip(LENS).map(|(&axis, len)| Axis { len, ..axis }).collect();
-        let table = table.synthesise(&Grid::new(axes, merl.channels().to_vec()).unwrap()).unwrap();
+        let table = table.synthesise(&Grid::merl().with_lengths(&LENS).unwrap()).unwrap();
         let reader = Reader::open(Encoder::new().encode(&table).unwrap().bytes).unwrap();
         assert!(!reader.is_lossless());
         assert!(reader.exact_table().unwrap_err().to_string().contains("--lossless"));

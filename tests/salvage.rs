@@ -8,16 +8,13 @@ use csbrdf::decode::Reader;
 use csbrdf::encode::Encoder;
 use csbrdf::error::Error;
 use csbrdf::format::Limits;
-use csbrdf::grid::{Axis, Grid};
+use csbrdf::grid::Grid;
 use csbrdf::salvage::{Outcome, Salvaged, repair, salvage};
 use csbrdf::table::BrdfTable;
 use csbrdf::table::synth::Recipe;
 
 fn table() -> BrdfTable {
-    let lens = [10, 12, 16];
-    let merl = Grid::merl();
-    let axes: Vec<Axis> = merl.axes().iter().zip(lens).map(|(&axis, len)| Axis { len, ..axis }).collect();
-    let grid = Grid::new(axes, merl.channels().to_vec()).unwrap();
+    let grid = Grid::merl().with_lengths(&[10, 12, 16]).unwrap();
     Recipe { holes: 0.03, noise: 0.02, ..Recipe::named("satin-paint").unwrap() }.synthesise(&grid).unwrap()
 }
 

@@ -2,13 +2,11 @@
 
 use super::*;
 use crate::decode::Reader;
-use crate::grid::{Axis, Grid};
+use crate::grid::Grid;
 use crate::table::synth::Recipe;
 
 fn table() -> BrdfTable {
-    let merl = Grid::merl();
-    let axes: Vec<Axis> = merl.axes().iter().zip([20, 20, 36]).map(|(&axis, len)| Axis { len, ..axis }).collect();
-    Recipe::named("satin-paint").unwrap().synthesise(&Grid::new(axes, merl.channels().to_vec()).unwrap()).unwrap()
+    Recipe::named("satin-paint").unwrap().synthesise(&Grid::merl().with_lengths(&[20, 20, 36]).unwrap()).unwrap()
 }
 
 /// A caller may give every tile a block shape of its own.
@@ -66,9 +64,7 @@ fn a_trend_fills_holes() {
 /// A block whose ratio is doubled up to every entry is as good as one of a file that samples every entry.
 #[test]
 fn blocks_doubled_to_every_entry_hold_what_was_measured() {
-    let merl = Grid::merl();
-    let axes: Vec<Axis> = merl.axes().iter().zip([6, 5, 7]).map(|(&axis, len)| Axis { len, ..axis }).collect();
-    let grid = Grid::new(axes, merl.channels().to_vec()).unwrap();
+    let grid = Grid::merl().with_lengths(&[6, 5, 7]).unwrap();
     let mut random = crate::sample::SplitMix64(8);
     let values: Vec<f64> = (0..grid.positions() * 3).map(|_| 1e3 * (random.next_u64() >> 54) as f64).collect();
     let table = BrdfTable::from_values(grid, values).unwrap();
@@ -103,9 +99,7 @@ fn a_target_below_the_quantisers_error_is_refused() {
 /// A profile is taken where it saves bytes; and exact zeros stay exact, with it or without.
 #[test]
 fn profiles_save_bytes_and_zeros_are_exact() {
-    let merl = Grid::merl();
-    let axes: Vec<Axis> = merl.axes().iter().zip([30, 30, 60]).map(|(&axis, len)| Axis { len, ..axis }).collect();
-    let grid = Grid::new(axes, merl.channels().to_vec()).unwrap();
+    let grid = Grid::merl().with_lengths(&[30, 30, 60]).unwrap();
     let plain = Recipe::named("satin-paint").unwrap().synthesise(&grid).unwrap();
     let n = grid.positions();
     let mut values = plain.values().to_vec();
