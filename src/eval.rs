@@ -124,6 +124,11 @@ impl<D: AsRef<[u8]>> Brdf<D> {
         &self.reader
     }
 
+    /// Gives the file back; what was decoded of it is dropped, and [`Brdf::touched`] with it.
+    pub fn into_reader(self) -> Reader<D> {
+        self.reader
+    }
+
     /// The blocks that were looked at so far; [`crate::touched`] says what for.
     pub fn touched(&self) -> Touched {
         let bit = |b: usize| self.touched[b / 64].load(Ordering::Relaxed) >> (b % 64) & 1 == 1;
@@ -468,6 +473,16 @@ mod tests {
             let got = brdf.eval(wi, wo).unwrap()[0];
             assert!((got / expected - 1.0).abs() < 1e-3, "{got} {expected}");
         }
+    }
+
+    #[test]
+    fn the_reader_comes_back() {
+        let up = [0.0, 0.0, 1.0];
+        let brdf = small_brdf();
+        let (value, crc) = (brdf.eval(up, up).unwrap(), brdf.reader().index_crc());
+        let reader = brdf.into_reader();
+        assert_eq!(reader.index_crc(), crc);
+        assert_eq!(Brdf::open(reader).unwrap().eval(up, up).unwrap(), value);
     }
 
     #[test]
