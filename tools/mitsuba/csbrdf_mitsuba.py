@@ -14,6 +14,8 @@ mode        "texture": the whole table decoded into a Dr.Jit texture, looked up 
             JIT variants blocks need evaluated loops and calls: `with csbrdf_mitsuba.evaluated(): mi.render(scene)`
 sampling    a file as in `filename` that samples are drawn after instead (default: the material itself). Pictures of two versions
             of a material that share it differ by their values alone, not by their noise
+pruned      "refuse": rendering fails where a .csbrdf file has lost a block that is needed, in mode "texture" loading does if it has
+            lost any; "coarse": the block's mean stands for it (default "refuse"). Holds for `sampling` too
 cosine      share of the samples drawn in proportion to the cosine, 0 to 1 (default 0.25, or 0 where the package draws)
 
 The surface reflects on the side of its normal only; `twosided` around it makes it do so on both.
@@ -266,17 +268,19 @@ class Importance:
         return outside(mi.Float, self.importance.pdf, active, wi, wo)
 
 
-def open_source(filename, mode):
+def open_source(filename, mode, pruned):
     """What gives the values of a file, and the lobe that suits them."""
     path = str(mi.file_resolver().resolve(filename))
     if mode not in ("texture", "blocks"):
         raise ValueError(f"csbrdf: mode is 'texture' or 'blocks', not '{mode}'")
+    if pruned not in ("refuse", "coarse"):
+        raise ValueError(f"csbrdf: pruned is 'refuse' or 'coarse', not '{pruned}'")
     if path.endswith(".binary"):
         if mode != "texture":
             raise ValueError("csbrdf: a .binary table has no blocks, take mode 'texture'")
         table = read_merl(path)
         return Texture(table), lobe_of(table)
-    brdf = csbrdf.open(path)
+    brdf = csbrdf.open(path, pruned=pruned)
     if mode == "texture":
         table = read_csbrdf(brdf, path)
         return Texture(table), lobe_of(table)
@@ -297,9 +301,10 @@ def make_class():
             self.filename = props["filename"]
             usual = "texture" if jit or self.filename.endswith(".binary") else "blocks"
             self.mode = props.get("mode", usual)
-            self.source, self.lobe = open_source(self.filename, self.mode)
+            pruned = props.get("pruned", "refuse")
+            self.source, self.lobe = open_source(self.filename, self.mode, pruned)
             if "sampling" in props:
-                self.lobe = open_source(props["sampling"], "texture")[1]
+                self.lobe = open_source(props["sampling"], "texture", pruned)[1]
             self.cosine = float(props.get("cosine", self.lobe.cosine))
             if not 0 <= self.cosine <= 1:
                 raise ValueError(f"csbrdf: cosine is {self.cosine}, must be within 0 and 1")

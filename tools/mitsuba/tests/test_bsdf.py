@@ -20,6 +20,7 @@ jit = pytest.mark.skipif(not JIT, reason="a test of wavefronts")
 SHINY = str(GOLDEN / "dct-grazing-zeros.csbrdf")
 SATIN = str(GOLDEN / "dct-dependent.csbrdf")
 ANISOTROPIC = str(GOLDEN / "dft-4d-coarse-extremes.csbrdf")
+PRUNED, WHOLE = (str(GOLDEN / f"{name}.csbrdf") for name in ("final-pruned", "final-profile"))
 SPECTRAL = str(GOLDEN / "dct-4d-spectral.csbrdf")
 
 
@@ -260,10 +261,28 @@ def test_a_constant_table_is_a_diffuse_surface(tmp_path):
     np.testing.assert_allclose(evaluate(load(str(path)), wi, wo), evaluate(diffuse, wi, wo), rtol=1e-4, atol=1e-7)
 
 
+@pytest.mark.parametrize("mode", ["texture", "blocks"])
+def test_pruned_blocks_are_coarse_if_that_is_asked_for(mode):
+    wi, wo = pairs(4000 if JIT else 200, low=0.01)
+    got = evaluate(load(PRUNED, mode=mode, pruned="coarse", sampling=PRUNED), wi, wo)
+    expected = csbrdf.open(PRUNED, pruned="coarse").eval(wo, wi) * wo[:, 2:]
+    near = np.abs(got - expected) <= 2e-3 * expected + 1e-5 * np.median(expected)
+    assert near.mean() > 0.999 and np.isfinite(got).all()
+    if mode == "blocks":
+        bsdf = load(PRUNED, mode=mode)
+        # Some of these directions look at what was left out, none does in the whole file.
+        with pytest.raises(Exception, match="was pruned"):
+            evaluate(bsdf, wi, wo)
+        assert np.isfinite(evaluate(load(WHOLE, mode=mode), wi, wo)).all()
+
+
 def test_what_cannot_be_rendered_says_why():
     for path, more, what in [
         (SATIN, {"mode": "cubic"}, "'texture' or 'blocks'"),
         (SATIN, {"cosine": 1.5}, "within 0 and 1"),
+        (SATIN, {"pruned": "mean"}, "'refuse' or 'coarse'"),
+        (PRUNED, {"mode": "texture"}, "was pruned"),
+        (SATIN, {"sampling": PRUNED}, "was pruned"),
         (SPECTRAL, {"mode": "blocks"}, "R, G, B"),
         (ANISOTROPIC, {"mode": "texture"}, "take mode 'blocks'"),
         (str(GOLDEN / "missing.csbrdf"), {}, "No such file"),
