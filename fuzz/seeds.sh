@@ -26,12 +26,13 @@ for file in "${files[@]}"; do
     done
 done
 
-# By the number of the golden file: block and record; detail and blocks.
+# By the number of the golden file: block and record; detail, channels and blocks.
 for number in $(seq 0 30); do
     printf "\\x$(printf %x "$number")\\0" >"corpus/block/$number"
     printf "\\x$(printf %x "$number")\\x01\\x00rrrrrrrrrr\\x00\\xff" >"corpus/block/$number-record"
     printf "\\x$(printf %x "$number")\\0\\0\\xaa\\x5f\\xff\\x03" >"corpus/prune/$number"
     printf "\\x$(printf %x "$number")\\x01\\x10\\xff\\xff\\xff\\xff\\xff\\xff\\xff" >"corpus/prune/$number-detail"
+    printf "\\x$(printf %x "$number")\\x18\\x00\\xff\\xff\\xff\\xff\\xff\\xff\\xff" >"corpus/prune/$number-channels"
 done
 
 printf 'csbrdf trace 1\nblocks 6 index 00000abc\n1-3\n5\n' >corpus/trace/plain

@@ -280,7 +280,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
     }
 
     /// Decodes what opening has left for the first block; fails if it is damaged.
-    fn prepare(&self) -> Result<()> {
+    pub(crate) fn prepare(&self) -> Result<()> {
         self.header.probabilities.get()?;
         if let Some(coded) = &self.header.coded_profile {
             self.header.profile().map_err(|what| Error::corrupt("GRAZ", coded.offset, what))?;

@@ -44,6 +44,7 @@ use contract::Contract;
 use dense::Dense;
 pub use effort::Effort;
 use estimate::{Estimate, Estimator, Stiffness};
+pub(crate) use pack::{classify, fit_probabilities};
 use recover::Solves;
 
 /// Rms error of the quantiser in steps, about: most coefficients are zero and lose what they are.

@@ -1,187 +1,232 @@
-//! A smaller file for a scene: the blocks that it looked at, as fine as it needs them.
+//! A smaller file for a scene: the blocks that it looked at, the channels that it needs, as fine as it needs them.
+
+mod channels;
+mod recode;
 
 use serde_json::json;
 
-use crate::block::{Block, positions};
-use crate::decode::{Header, MASKS, Reader, Scratch, ZEROS};
-use crate::entropy::Walk;
+use crate::decode::{Header, Reader, contexts};
+use crate::encode::fit_probabilities;
 use crate::error::{Error, Result};
 use crate::format::directory::{self, write_file};
+use crate::format::header::{write_coding, write_grid};
 use crate::format::index::{Entry, UNKNOWN_ERROR, encode_error, write_index};
+use crate::format::probabilities::write_probabilities;
+use crate::format::profile::write_profile;
 use crate::format::record::{Record, ValidityClass};
 use crate::format::{VERSION, is_dependent};
-use crate::quantize::Quantizer;
-use crate::range::{Decoder, Encoder};
+use crate::range::{Coder, Counter, Encoder};
 use crate::touched::Touched;
-use crate::zeros::code_zeros;
+use channels::Selection;
+use recode::{Recoder, Remains};
 
 /// What a pruned file holds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PrunedFile {
     /// The file.
     pub bytes: Vec<u8>,
-    /// Blocks that it keeps, with the coefficients that `detail` leaves them; those without valid entries among them.
+    /// Blocks that it keeps, with the coefficients that the detail leaves them; those without valid entries among them.
     pub kept: usize,
     /// Blocks of which it keeps the mean alone.
     pub pruned: usize,
 }
 
-/// The file with only the blocks that were touched; of the others it keeps the means
-/// ([`Pruned::Coarse`](crate::decode::Pruned::Coarse)).
-///
-/// `detail` is the rms error in the log domain that each block may gain by losing its finest coefficients; with 0 blocks
-/// stay bit for bit. The errors that the index states grow with it. What restores the source's bits is dropped, and the metadata no
-/// longer tell a contract.
-///
-/// # Errors
-/// `InvalidArgument` if the trace is of another file, the file of a draft before 4, or `detail` not a finite number from 0 on or not
-/// possible: corrections (a contract on the largest error) need all coefficients. `Corrupt` if the file is damaged.
-pub fn prune<D: AsRef<[u8]>>(reader: &Reader<D>, touched: &Touched, detail: f64) -> Result<PrunedFile> {
-    let bad = |what: &str| Err(Error::InvalidArgument(what.into()));
-    touched.check(reader.block_count(), reader.index_crc())?;
-    if !is_dependent(reader.version().2) {
-        return bad("files of drafts before 4 cannot be pruned; encode the table again");
-    }
-    if !(detail.is_finite() && detail >= 0.0) {
-        return bad("the detail to lose must be a finite rms error in the log domain, 0 or more");
-    }
-    if detail > 0.0 && reader.coding().correction.is_some() {
-        return bad(
-            "the file keeps a largest error by corrections, which need all coefficients; prune it without --detail",
-        );
-    }
-    let mut thinner = Thinner { header: reader.header(), detail, scratch: Scratch::default(), walk: Walk::default() };
-    let (mut entries, mut records, mut kept) = (Vec::new(), Vec::new(), 0);
-    for (block, touched) in touched.blocks().iter().enumerate() {
-        let record = reader.record(block)?;
-        let mut errors = reader.error_codes(block);
-        let bytes = match record.class {
-            ValidityClass::None | ValidityClass::Pruned => reader.record_bytes(block).to_vec(),
-            _ if !touched => {
-                errors = [UNKNOWN_ERROR; 2];
-                Record { class: ValidityClass::Pruned, doublings: 0, coded: &[] }.write(block as u32)
-            }
-            _ if detail == 0.0 => reader.record_bytes(block).to_vec(),
-            class => {
-                let place = reader.place(block)?;
-                let thinned = thinner.thin(&place, &record).map_err(|what| reader.bad_record(block, what))?;
-                match thinned {
-                    Some(Thinned { coded, lost }) => {
-                        let rms = f64::from(reader.stated_errors(block).0) + lost;
-                        errors = [encode_error(rms), UNKNOWN_ERROR];
-                        Record { class, doublings: record.doublings, coded: &coded }.write(block as u32)
-                    }
-                    None => reader.record_bytes(block).to_vec(),
-                }
-            }
-        };
-        kept += usize::from(record.class == ValidityClass::None || *touched && record.class != ValidityClass::Pruned);
-        entries.push(Entry { length: bytes.len() as u32, errors, means: reader.means(block).to_vec() });
-        records.extend(bytes);
-    }
-    let pruned = reader.block_count() - kept;
-    let mut sections = Vec::new();
-    for name in [directory::GRID, directory::CODING, directory::PARTITION, directory::PROBABILITIES, directory::PROFILE]
-    {
-        if let Some(bytes) = reader.section(name)? {
-            sections.push((name, false, bytes));
-        }
-    }
-    sections.push((directory::INDEX, false, write_index(reader.partition(), &entries)));
-    sections.push((directory::METADATA, true, metadata(reader, kept, detail)?));
-    sections.push((directory::RECORDS, false, records));
-    Ok(PrunedFile { bytes: write_file(VERSION, &sections), kept, pruned })
-}
-
-/// The file's metadata with what was done to it, without what is no longer so.
-fn metadata<D: AsRef<[u8]>>(reader: &Reader<D>, kept: usize, detail: f64) -> Result<Vec<u8>> {
-    let mut metadata = reader.metadata()?;
-    let mut encoder = metadata.encoder.take().unwrap_or_else(|| json!({}));
-    if let Some(encoder) = encoder.as_object_mut() {
-        for stale in ["contract", "corrected", "lossless", "log_rms", "log_max", "valid", "sampled"] {
-            encoder.remove(stale);
-        }
-        let pruned = json!({ "blocks": reader.block_count(), "kept": kept, "detail": detail });
-        encoder.insert("pruned".into(), pruned);
-    }
-    metadata.encoder = Some(encoder);
-    metadata.write()
-}
-
-/// Takes the finest coefficients out of records.
-struct Thinner<'a> {
-    header: &'a Header,
+/// What to leave out of a file, nothing unless it is told; then [`Pruner::prune`].
+#[derive(Clone, Debug, Default)]
+pub struct Pruner<'a> {
+    touched: Option<&'a Touched>,
+    channels: Option<Vec<usize>>,
     detail: f64,
-    scratch: Scratch,
-    walk: Walk,
 }
 
-/// A record without its finest coefficients.
-struct Thinned {
-    coded: Vec<u8>,
-    /// Rms error gained, log domain.
-    lost: f64,
-}
+impl<'a> Pruner<'a> {
+    /// Leaves nothing out.
+    pub fn new() -> Pruner<'a> {
+        Pruner::default()
+    }
 
-impl Thinner<'_> {
-    /// `None` if every coefficient is needed.
-    fn thin(&mut self, place: &Block, record: &Record) -> Result<Option<Thinned>, &'static str> {
-        let Thinner { header, detail, scratch, walk } = self;
-        let probabilities = header.probabilities.get().map_err(|_| "its probabilities are damaged")?;
-        let mut decoder = Decoder::new(probabilities, record.coded);
-        header.decode_record(place, record.class, &mut decoder, scratch)?;
-        decoder.check_end()?;
-        // Beyond the extents a scratch holds what blocks before have left there.
-        let n = place.positions();
-        for (plane, extents) in scratch.coefficients.chunks_exact_mut(n).zip(&scratch.extents) {
-            for (k, q) in positions(place.shape).zip(plane) {
-                *q = if (0..4).all(|a| k[a] < extents[a]) { *q } else { 0 };
+    /// Of blocks that were not touched keeps the means alone ([`Pruned::Coarse`](crate::decode::Pruned::Coarse)).
+    pub fn blocks(self, touched: &'a Touched) -> Pruner<'a> {
+        Pruner { touched: Some(touched), ..self }
+    }
+
+    /// Keeps these channels, by number from 0 in any order; in the file they stay in their order.
+    pub fn channels(self, channels: &[usize]) -> Pruner<'a> {
+        Pruner { channels: Some(channels.to_vec()), ..self }
+    }
+
+    /// The rms error in the log domain that each block may gain by losing its finest coefficients; 0 at first.
+    pub fn detail(self, detail: f64) -> Pruner<'a> {
+        Pruner { detail, ..self }
+    }
+
+    /// The file without what is to be left out. What is kept decodes to the same bits, unless detail was to be lost.
+    ///
+    /// The errors that the index states grow with the detail lost, and where fewer channels share them. What restores the source's
+    /// bits is dropped, and the metadata no longer tell a contract.
+    ///
+    /// # Errors
+    /// `InvalidArgument` if the trace is of another file, the file of a draft before 4, or `detail` not a finite number from 0 on or not
+    /// possible: corrections (a contract on the largest error) need all coefficients. Likewise if there are no such channels, one is named
+    /// twice, or the file mixes them with others (a matrix of [`ChannelTransform`](crate::channel::ChannelTransform)): no file with fewer
+    /// components gives the same bits. `Corrupt` if the file is damaged.
+    pub fn prune<D: AsRef<[u8]>>(&self, reader: &Reader<D>) -> Result<PrunedFile> {
+        let bad = |what: &str| Err(Error::InvalidArgument(what.into()));
+        let detail = self.detail;
+        if let Some(touched) = self.touched {
+            touched.check(reader.block_count(), reader.index_crc())?;
+        }
+        if !is_dependent(reader.version().2) {
+            return bad("files of drafts before 4 cannot be pruned; encode the table again");
+        }
+        if !(detail.is_finite() && detail >= 0.0) {
+            return bad("the detail to lose must be a finite rms error in the log domain, 0 or more");
+        }
+        if detail > 0.0 && reader.coding().correction.is_some() {
+            return bad(
+                "the file keeps a largest error by corrections, which need all coefficients; prune it without --detail",
+            );
+        }
+        let selection = match &self.channels {
+            Some(channels) => Selection::new(reader.header(), channels)?,
+            None => None,
+        };
+        let job = Job { reader, touched: self.touched, selection: selection.as_ref(), detail };
+        match &selection {
+            Some(selection) => job.with_channels(selection),
+            None => {
+                let mut sections = Vec::new();
+                for name in [directory::GRID, directory::CODING, directory::PARTITION, directory::PROBABILITIES] {
+                    sections.extend(reader.section(name)?.map(|bytes| (name, false, bytes)));
+                }
+                let profile = reader.section(directory::PROFILE)?;
+                sections.extend(profile.map(|bytes| (directory::PROFILE, false, bytes)));
+                job.finish(reader.header(), sections)
             }
         }
-        let values = scratch.coefficients.len() as f64;
-        let lost = drop_finest(header, place, &mut scratch.coefficients, *detail * *detail * values);
-        if lost == 0.0 {
-            return Ok(None);
-        }
-        let mut coder = Encoder::new(probabilities);
-        if matches!(record.class, ValidityClass::Mask | ValidityClass::MaskPerChannel) {
-            header.mask_model().code(&mut coder, MASKS, place, &mut scratch.masks.clone());
-        }
-        if header.coding.zeros {
-            code_zeros(&mut coder, ZEROS, place.shape, &scratch.masks, &mut scratch.zeros);
-        }
-        let quantization = header.coding.quantization;
-        walk.code(&mut coder, quantization, place.shape, &mut scratch.coefficients, &mut Vec::new())
-            .map_err(|_| "an extent or a coefficient is out of range")?;
-        Ok(Some(Thinned { coded: coder.finish(), lost: (lost / values).sqrt() }))
     }
 }
 
-/// Sets the coefficients of the highest frequencies to zero while their squares sum to at most `budget`; the sum.
-///
-/// The frequency is in half periods a bin, over all axes. Along a row it grows, so that a row loses its tail: what is left of it goes
-/// through the same states of the dependent quantiser as before.
-fn drop_finest(header: &Header, place: &Block, coefficients: &mut [i32], budget: f64) -> f64 {
-    let n = place.positions();
-    let mut finest: Vec<(f64, usize, f64)> = Vec::new();
-    let shrink = header.coding.shrink.map(|s| f32::from(s) / 256.0);
-    for (component, plane) in coefficients.chunks_exact(n).enumerate() {
-        let quantizer = Quantizer { step: header.coding.steps[component], shrink };
-        for (at, (k, &q)) in positions(place.shape).zip(plane).enumerate().filter(|(_, (_, q))| **q != 0) {
-            let frequency = (0..4).map(|a| (k[a] as f64 / place.shape[a] as f64).powi(2)).sum();
-            finest.push((frequency, component * n + at, f64::from(quantizer.dequantize(q)).powi(2)));
-        }
+type Section = (&'static str, bool, Vec<u8>);
+
+/// One pruning.
+struct Job<'a, D> {
+    reader: &'a Reader<D>,
+    touched: Option<&'a Touched>,
+    selection: Option<&'a Selection>,
+    detail: f64,
+}
+
+impl<D: AsRef<[u8]>> Job<'_, D> {
+    /// Whether a block keeps its coefficients, if it has any.
+    fn keeps(&self, block: usize) -> bool {
+        self.touched.is_none_or(|touched| touched.blocks()[block])
     }
-    finest.sort_by(|a, b| b.0.total_cmp(&a.0).then(b.1.cmp(&a.1)));
-    let mut lost = 0.0;
-    for (_, at, square) in finest {
-        if lost + square > budget {
-            break;
+
+    /// A file of fewer channels: all records are coded again, with probabilities of their own.
+    fn with_channels(&self, selection: &Selection) -> Result<PrunedFile> {
+        let Job { reader, .. } = self;
+        let mut header = selection.header(reader.header())?;
+        let mut counter = Counter::new(contexts(header.coding.quantization));
+        let mut recoder = Recoder::new(reader.header(), &header, self.selection, self.detail);
+        for block in 0..reader.block_count() {
+            let record = reader.record(block)?;
+            if self.keeps(block) && !record.class.is_mean_only() {
+                self.recode(&mut recoder, block, &record, &mut counter)?;
+            }
         }
-        lost += square;
-        coefficients[at] = 0;
+        let (codes, probabilities) = fit_probabilities(&counter, header.coding.quantization);
+        header.probabilities = probabilities.into();
+        let mut sections = vec![
+            (directory::GRID, false, write_grid(&header.grid)),
+            (directory::CODING, false, write_coding(&header.coding)),
+        ];
+        sections.extend(reader.section(directory::PARTITION)?.map(|bytes| (directory::PARTITION, false, bytes)));
+        sections.push((directory::PROBABILITIES, false, write_probabilities(&codes)));
+        let profile = header.coded_profile.as_ref().map(write_profile);
+        sections.extend(profile.map(|bytes| (directory::PROFILE, false, bytes)));
+        self.finish(&header, sections)
     }
-    lost
+
+    /// Codes what is kept of a block.
+    fn recode<C: Coder>(&self, recoder: &mut Recoder, block: usize, record: &Record, coder: &mut C) -> Result<Remains> {
+        let place = self.reader.place(block)?;
+        self.reader.prepare()?;
+        let remains = recoder.take_apart(&place, record, self.reader.means(block)).and_then(|mut remains| {
+            recoder.code(coder, &place, &mut remains)?;
+            Ok(remains)
+        });
+        remains.map_err(|what| self.reader.bad_record(block, what))
+    }
+
+    /// The file, after the sections that all blocks share.
+    fn finish(&self, header: &Header, mut sections: Vec<Section>) -> Result<PrunedFile> {
+        let Job { reader, selection, detail, .. } = *self;
+        let as_is = detail == 0.0 && selection.is_none();
+        let mut recoder = Recoder::new(reader.header(), header, selection, detail);
+        let (mut entries, mut records, mut kept) = (Vec::new(), Vec::new(), 0);
+        for block in 0..reader.block_count() {
+            let record = reader.record(block)?;
+            let mut errors = reader.error_codes(block);
+            let bytes = match record.class {
+                ValidityClass::None | ValidityClass::Pruned => reader.record_bytes(block).to_vec(),
+                _ if !self.keeps(block) => {
+                    errors = [UNKNOWN_ERROR; 2];
+                    Record { class: ValidityClass::Pruned, doublings: 0, coded: &[] }.write(block as u32)
+                }
+                _ if as_is => reader.record_bytes(block).to_vec(),
+                _ => {
+                    let mut coder = Encoder::new(header.probabilities.get()?);
+                    let Remains { class, valid_before, lost, .. } =
+                        self.recode(&mut recoder, block, &record, &mut coder)?;
+                    errors = self.errors(block, valid_before, lost);
+                    Record { class, doublings: record.doublings, coded: &coder.finish() }.write(block as u32)
+                }
+            };
+            let has_all = record.class == ValidityClass::None;
+            kept += usize::from(has_all || self.keeps(block) && record.class != ValidityClass::Pruned);
+            let means = reader.means(block);
+            let means = selection.map_or_else(|| means.to_vec(), |selection| selection.of_components(means, 1));
+            entries.push(Entry { length: bytes.len() as u32, errors, means });
+            records.extend(bytes);
+        }
+        let pruned = reader.block_count() - kept;
+        sections.push((directory::INDEX, false, write_index(reader.partition(), &entries)));
+        sections.push((directory::METADATA, true, self.metadata(kept)?));
+        sections.push((directory::RECORDS, false, records));
+        Ok(PrunedFile { bytes: write_file(VERSION, &sections), kept, pruned })
+    }
+
+    /// Codes of the errors of what is kept of a block: the channels left out may have had none.
+    fn errors(&self, block: usize, valid_before: f64, lost: f64) -> [u8; 2] {
+        let (rms, max) = self.reader.stated_errors(block);
+        let (rms, max) = (f64::from(rms), f64::from(max));
+        // Of no valid entry there is no error.
+        let (rms, max) =
+            if valid_before.is_finite() { ((rms * valid_before.sqrt()).min(max), max) } else { (0.0, 0.0) };
+        if lost == 0.0 { [rms, max].map(encode_error) } else { [encode_error(rms + lost), UNKNOWN_ERROR] }
+    }
+
+    /// The file's metadata with what was done to it, without what is no longer so.
+    fn metadata(&self, kept: usize) -> Result<Vec<u8>> {
+        let mut metadata = self.reader.metadata()?;
+        let mut encoder = metadata.encoder.take().unwrap_or_else(|| json!({}));
+        if let Some(encoder) = encoder.as_object_mut() {
+            for stale in ["contract", "corrected", "lossless", "log_rms", "log_max", "valid", "sampled"] {
+                encoder.remove(stale);
+            }
+            let mut pruned = json!({ "blocks": self.reader.block_count(), "kept": kept, "detail": self.detail });
+            // Once channels are gone, how many there were is told for good.
+            let before = encoder.get("pruned").and_then(|pruned| pruned.get("channels")).cloned();
+            let now = self.selection.map(|_| self.reader.grid().channels().len().into());
+            if let Some(channels) = before.or(now) {
+                pruned["channels"] = channels;
+            }
+            encoder.insert("pruned".into(), pruned);
+        }
+        metadata.encoder = Some(encoder);
+        metadata.write()
+    }
 }
 
 #[cfg(test)]
@@ -228,7 +273,7 @@ mod tests {
         let bytes = encoder.encode(&table()).unwrap().bytes;
         let reader = open(&bytes);
         let keep = |b: usize| b % 3 != 1;
-        let pruned = prune(&reader, &trace(&reader, keep), 0.0).unwrap();
+        let pruned = Pruner::new().blocks(&trace(&reader, keep)).prune(&reader).unwrap();
         assert_eq!(pruned.kept, (0..reader.block_count()).filter(|&b| keep(b)).count());
         assert!(pruned.bytes.len() < bytes.len());
         let small = open(&pruned.bytes);
@@ -269,7 +314,7 @@ mod tests {
         let all = trace(&reader, |_| true);
         let mut last = bytes.len();
         for detail in [0.02, 0.1, 0.5] {
-            let pruned = prune(&reader, &all, detail).unwrap();
+            let pruned = Pruner::new().blocks(&all).detail(detail).prune(&reader).unwrap();
             assert!(pruned.bytes.len() < last, "{detail}");
             last = pruned.bytes.len();
             let small = open(&pruned.bytes);
@@ -294,14 +339,14 @@ mod tests {
         let reader = open(&bytes);
         let all = trace(&reader, |_| true);
         for detail in [-0.1, f64::NAN, f64::INFINITY] {
-            assert!(prune(&reader, &all, detail).is_err());
+            assert!(Pruner::new().blocks(&all).detail(detail).prune(&reader).is_err());
         }
         let other = Touched::new(all.blocks().to_vec(), !reader.index_crc());
-        assert!(prune(&reader, &other, 0.0).unwrap_err().to_string().contains("another file"));
-        // Once more, with a trace of the pruned file: what is gone stays so.
-        let some = prune(&reader, &trace(&reader, |b| b != 0), 0.0).unwrap();
+        assert!(Pruner::new().blocks(&other).prune(&reader).unwrap_err().to_string().contains("another file"));
+        // Once more, with all of the pruned file: what is gone stays so.
+        let some = Pruner::new().blocks(&trace(&reader, |b| b != 0)).prune(&reader).unwrap();
         let small = open(&some.bytes);
-        let again = prune(&small, &trace(&small, |_| true), 0.0).unwrap();
+        let again = Pruner::new().prune(&small).unwrap();
         assert_eq!((again.kept, again.pruned), (some.kept, 1));
         assert!(matches!(block(&open(&again.bytes), 0), Err(Error::Pruned { block: 0 })));
     }

@@ -44,8 +44,12 @@ fn no_input_fails_its_target_again() {
 /// What the fuzzer starts from passes every target that takes a file.
 #[test]
 fn golden_files_pass_the_targets() {
-    for (name, file) in GOLDEN {
+    for (number, (name, file)) in GOLDEN.iter().enumerate() {
         println!("{name}");
+        // Detail or none, of all channels and of some.
+        for (channels, detail) in [(0, 0), (0, 16), (0b1, 0), (0b110, 0), (0b101010, 0), (0b100, 16)] {
+            body("prune")(&[number as u8, channels << 2 | u8::from(detail > 0), detail, 0xFF, 0x0F, 0xFF, 0x55]);
+        }
         for target in ["open", "file"] {
             body(target)(file);
         }

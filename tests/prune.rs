@@ -57,3 +57,45 @@ fn a_scene_keeps_its_picture_in_a_smaller_file() {
     csbrdf(folder, "prune t.csbrdf --trace ball -o one.csbrdf", OPERATION);
     assert!(!folder.join("x.csbrdf").exists());
 }
+
+#[test]
+fn a_channel_alone_stays_what_it_was() {
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
+    let read = |name: &str| std::fs::read(folder.join(name)).unwrap();
+    csbrdf(folder, "synth pearl -o t.binary", OK);
+    csbrdf(folder, "encode --fast --channels separate t.binary -q", OK);
+    let figures = stderr(&csbrdf(folder, "prune t.csbrdf --channels G -o g.csbrdf", OK));
+    assert!(figures.contains("1 of 3 channels"), "{figures}");
+    csbrdf(folder, "verify g.csbrdf", OK);
+    csbrdf(folder, "prune t.csbrdf --channels 2,R -o rb.csbrdf", OK);
+    assert!(read("g.csbrdf").len() * 5 < read("t.csbrdf").len() * 3);
+    assert!(read("rb.csbrdf").len() < read("t.csbrdf").len());
+
+    // Arrays of NumPy: channels one after the other, behind a header.
+    for name in ["t", "g", "rb"] {
+        csbrdf(folder, &format!("decode {name}.csbrdf --format npy -o {name}.npy --fill"), OK);
+    }
+    let plane = 4 * 90 * 90 * 180;
+    let planes = |name: &str, count: usize| {
+        let bytes = read(name);
+        bytes[bytes.len() - count * plane..].to_vec()
+    };
+    let [r, g, b] = [0, 1, 2].map(|c| planes("t.npy", 3)[c * plane..(c + 1) * plane].to_vec());
+    assert!(planes("g.npy", 1) == g && planes("rb.npy", 2) == [r, b].concat());
+
+    // With a trace, where the file is a single channel's.
+    csbrdf(folder, "eval t.csbrdf --angles 30,0,35,180 --trace one", OK);
+    csbrdf(folder, "prune t.csbrdf --trace one --channels B -o one.csbrdf", OK);
+    assert!(read("one.csbrdf").len() * 2 < read("rb.csbrdf").len());
+
+    // Names that are none, none at all, and channels that are coded together.
+    let unknown = stderr(&csbrdf(folder, "prune t.csbrdf --channels Y -o x.csbrdf", USAGE));
+    assert!(unknown.contains("no channel `Y`; there are R, G, B"), "{unknown}");
+    csbrdf(folder, "prune t.csbrdf --channels R,0 -o x.csbrdf", USAGE);
+    csbrdf(folder, "prune t.csbrdf -o x.csbrdf", USAGE);
+    csbrdf(folder, "encode --fast t.binary -o opponent.csbrdf -q", OK);
+    let together = stderr(&csbrdf(folder, "prune opponent.csbrdf --channels R -o x.csbrdf", USAGE));
+    assert!(together.contains("--channels separate"), "{together}");
+    assert!(!folder.join("x.csbrdf").exists());
+}

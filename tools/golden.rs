@@ -13,7 +13,7 @@ use csbrdf::eval::Brdf;
 use csbrdf::format::metadata::Metadata;
 use csbrdf::fourier::Basis;
 use csbrdf::grid::{Axis, AxisName, Channel, Grid, MERL_SCALE, Mapping};
-use csbrdf::prune::prune;
+use csbrdf::prune::Pruner;
 use csbrdf::sample::Sampling;
 use csbrdf::table::BrdfTable;
 use csbrdf::table::synth::Recipe;
@@ -74,7 +74,7 @@ fn pruned(bytes: &[u8]) -> Result<Vec<u8>, Failure> {
     let blocks: String = (0..reader.block_count()).filter(|b| b % 3 != 1).map(|b| format!("{b}\n")).collect();
     let index = Brdf::open(Reader::open(bytes)?)?.touched().index_crc();
     let trace = format!("csbrdf trace 1\nblocks {} index {index:x}\n{blocks}", reader.block_count());
-    Ok(prune(&reader, &Touched::from_text(&trace)?, 0.01)?.bytes)
+    Ok(Pruner::new().blocks(&Touched::from_text(&trace)?).detail(0.01).prune(&reader)?.bytes)
 }
 
 /// MERL's axes with fewer bins.

@@ -54,7 +54,7 @@ pub(crate) struct Header {
     pub(super) level: Level,
     horizon: OnceLock<Option<Horizon>>,
     mask: OnceLock<MaskModel>,
-    pub(super) coded_profile: Option<CodedProfile>,
+    pub(crate) coded_profile: Option<CodedProfile>,
     profile: OnceLock<Result<Profile, &'static str>>,
 }
 
@@ -72,7 +72,8 @@ pub struct Scratch {
     /// Log values, `[channel][position]`.
     pub(crate) log: Buffer<f32>,
     lines: Vec<f32>,
-    corrections: Vec<i32>,
+    /// Of the block that was rebuilt last, if the file has a correction step; `[channel][position]`.
+    pub(crate) corrections: Vec<i32>,
     correct: correct::Walk,
 }
 

@@ -8,6 +8,7 @@ use crate::block::{Block, Partition};
 use crate::correct::{self, Decoded};
 use crate::decode::lossless::decode_bits;
 use crate::decode::{CONTEXTS, CORRECTIONS, Header, MASKS, Scratch, ZEROS, contexts, without_zeros};
+use crate::dependent::Quantization;
 use crate::entropy::{Walk, find_extents};
 use crate::error::{Error, Result};
 use crate::format::directory::{self, write_file, write_file_with_spare};
@@ -50,8 +51,17 @@ struct BlockError {
     max: f64,
 }
 
+/// Codes of a file's probabilities after what was counted, and the probabilities that they stand for.
+pub(crate) fn fit_probabilities(counter: &Counter, quantization: Quantization) -> (Vec<Option<u8>>, Vec<u16>) {
+    let mut codes: Vec<Option<u8>> =
+        counter.probabilities(PROBABILITY_BITS).into_iter().map(|p| p.map(encode_probability)).collect();
+    codes.truncate(contexts(quantization));
+    let probabilities = codes.iter().map(|code| code.map_or(1 << 15, decode_probability)).collect();
+    (codes, probabilities)
+}
+
 /// Class and the masks that go into the record.
-fn classify(header: &Header, block: &Block, valid: &[bool]) -> (ValidityClass, Vec<bool>) {
+pub(crate) fn classify(header: &Header, block: &Block, valid: &[bool]) -> (ValidityClass, Vec<bool>) {
     let n = block.positions();
     if valid.iter().all(|v| *v) {
         (ValidityClass::All, Vec::new())
@@ -218,10 +228,7 @@ pub(super) fn pack(
                 a
             },
         );
-    let mut codes: Vec<Option<u8>> =
-        counter.probabilities(PROBABILITY_BITS).into_iter().map(|p| p.map(encode_probability)).collect();
-    codes.truncate(contexts(coding.quantization));
-    let probabilities: Vec<u16> = codes.iter().map(|code| code.map_or(1 << 15, decode_probability)).collect();
+    let (codes, probabilities) = fit_probabilities(&counter, coding.quantization);
     let written_profile = profile.as_ref().map(write_profile);
     let header = Header::new(table.grid().clone(), coding.clone(), partition.clone(), probabilities.into())
         .with_profile(profile);

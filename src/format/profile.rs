@@ -5,7 +5,7 @@ use crate::dependent::Quantization;
 use crate::entropy::{self, MAX_MAGNITUDE, Walk};
 use crate::error::Result;
 use crate::format::{MAX_BLOCK_AXIS, STEP_RANGE, check_block};
-use crate::fourier::{Basis, Synthesis};
+use crate::fourier::{Basis, Extents, Synthesis};
 use crate::grid::Grid;
 use crate::profile::{Profile, bins};
 use crate::quantize::dequantize_mean;
@@ -16,6 +16,8 @@ use crate::simd::Level;
 pub(crate) const TABLES: usize = 4;
 /// Most knots of a table along the elevation.
 pub(crate) const MAX_KNOTS: usize = 64;
+
+const NO_AXES: &str = "a profile needs the axes theta_h, theta_d, phi_d in this order";
 
 /// A profile as it is in the file.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,11 +33,20 @@ pub(crate) struct CodedProfile {
     pub(crate) offset: u64,
 }
 
+/// Coefficients of a table.
+#[derive(Default)]
+struct Table {
+    /// But for those at index 0, `[component][bin][knot]`.
+    coefficients: Vec<i32>,
+    /// Of each component.
+    extents: Vec<Extents>,
+}
+
 pub(crate) fn read_profile(mut r: ByteReader, grid: &Grid) -> Result<CodedProfile> {
     let offset = r.offset();
     let channels = grid.channels().len();
     let Some(bins) = bins(grid) else {
-        return Err(r.corrupt("a profile needs the axes theta_h, theta_d, phi_d in this order"));
+        return Err(r.corrupt(NO_AXES));
     };
     // Number of knots.
     let knots = usize::from(r.u8()?);
@@ -82,28 +93,42 @@ impl CodedProfile {
         bins(grid).map_or(0, |bins| bins[0].max(bins[1])) * self.knots * grid.channels().len()
     }
 
-    /// Rebuilds the tables.
-    pub(crate) fn decode(&self, grid: &Grid) -> Result<Profile, &'static str> {
-        let bins = bins(grid).ok_or("a profile needs the axes theta_h, theta_d, phi_d in this order")?;
-        let channels = grid.channels().len();
+    /// Shape of a component of a table.
+    fn shape(&self, bins: [usize; 2], table: usize) -> [usize; 4] {
+        [1, 1, bins[table / 2], self.knots]
+    }
+
+    fn tables(&self, bins: [usize; 2], channels: usize) -> Result<[Table; TABLES], &'static str> {
         let mut decoder = Decoder::new(&vec![1 << 15; entropy::CONTEXTS], &self.coded);
-        let synthesis = Synthesis::new(Basis::Dct, &[1, bins[0], bins[1], self.knots]);
-        let (mut walk, mut extents, mut lines) = (Walk::default(), Vec::new(), Vec::new());
-        let mut tables: [Vec<f32>; TABLES] = Default::default();
-        for (t, table) in tables.iter_mut().enumerate() {
-            let shape = [1, 1, bins[t / 2], self.knots];
-            let n = shape[2] * shape[3];
-            let mut coefficients = vec![0; channels * n];
-            walk.code(&mut decoder, Quantization::Scalar, shape, &mut coefficients, &mut extents)
+        let mut walk = Walk::default();
+        let mut tables: [Table; TABLES] = Default::default();
+        for (t, Table { coefficients, extents }) in tables.iter_mut().enumerate() {
+            let shape = self.shape(bins, t);
+            coefficients.resize(channels * shape[2] * shape[3], 0);
+            walk.code(&mut decoder, Quantization::Scalar, shape, coefficients, extents)
                 .map_err(|_| "an extent or a coefficient is out of range")?;
-            *table = coefficients.iter().map(|&q| dequantize_mean(self.step, q)).collect();
-            for (c, values) in table.chunks_exact_mut(n).enumerate() {
-                values[0] = dequantize_mean(self.step, self.first[t * channels + c]);
-                synthesis.synthesize(Level::detect(), shape, extents[c].map(|e| e.max(1)), values, &mut lines);
-            }
         }
         if decoder.unread() > 0 {
             return Err("bytes are left over after the last coefficient");
+        }
+        Ok(tables)
+    }
+
+    /// Rebuilds the tables.
+    pub(crate) fn decode(&self, grid: &Grid) -> Result<Profile, &'static str> {
+        let bins = bins(grid).ok_or(NO_AXES)?;
+        let channels = grid.channels().len();
+        let synthesis = Synthesis::new(Basis::Dct, &[1, bins[0], bins[1], self.knots]);
+        let mut lines = Vec::new();
+        let mut tables: [Vec<f32>; TABLES] = Default::default();
+        let coded = self.tables(bins, channels)?;
+        for (t, (table, Table { coefficients, extents })) in tables.iter_mut().zip(coded).enumerate() {
+            let shape = self.shape(bins, t);
+            *table = coefficients.iter().map(|&q| dequantize_mean(self.step, q)).collect();
+            for (c, values) in table.chunks_exact_mut(shape[2] * shape[3]).enumerate() {
+                values[0] = dequantize_mean(self.step, self.first[t * channels + c]);
+                synthesis.synthesize(Level::detect(), shape, extents[c].map(|e| e.max(1)), values, &mut lines);
+            }
         }
         Profile::new(grid, self.knots, self.zone, tables).ok_or("the grid has no profile")
     }
@@ -114,8 +139,28 @@ pub(crate) use write::write_profile;
 
 #[cfg(feature = "encode")]
 mod write {
-    use super::CodedProfile;
+    use super::*;
     use crate::bits::ByteWriter;
+    use crate::range::Encoder;
+
+    impl CodedProfile {
+        /// The same with some of its components alone, in the order given; the profile of these stays bit for bit.
+        pub(crate) fn with_components(&self, grid: &Grid, components: &[usize]) -> Result<CodedProfile, &'static str> {
+            let bins = bins(grid).ok_or(NO_AXES)?;
+            let channels = grid.channels().len();
+            let mut encoder = Encoder::new(&vec![1 << 15; entropy::CONTEXTS]);
+            let mut walk = Walk::default();
+            for (t, Table { coefficients, .. }) in self.tables(bins, channels)?.iter().enumerate() {
+                let shape = self.shape(bins, t);
+                let planes: Vec<&[i32]> = coefficients.chunks_exact(shape[2] * shape[3]).collect();
+                let mut kept: Vec<i32> = components.iter().flat_map(|&c| planes[c]).copied().collect();
+                walk.code(&mut encoder, Quantization::Scalar, shape, &mut kept, &mut Vec::new())
+                    .map_err(|_| "an extent or a coefficient is out of range")?;
+            }
+            let first = self.first.chunks_exact(channels).flat_map(|first| components.iter().map(|&c| first[c]));
+            Ok(CodedProfile { first: first.collect(), coded: encoder.finish(), ..self.clone() })
+        }
+    }
 
     pub(crate) fn write_profile(profile: &CodedProfile) -> Vec<u8> {
         let mut w = ByteWriter::default();

@@ -63,7 +63,7 @@ pub enum Command {
     /// Render a ball of a material, or two materials in a scene, straight from .csbrdf files
     #[command(after_help = EXIT_CODES)]
     Render(RenderArgs),
-    /// Make a smaller .csbrdf file with only the blocks that scenes look at
+    /// Make a smaller .csbrdf file with only the blocks that scenes look at, or only some channels
     #[command(after_help = EXIT_CODES)]
     Prune(PruneArgs),
     /// Write a valid .csbrdf file with all that is left of a damaged one
@@ -398,9 +398,14 @@ pub struct PruneArgs {
     /// A .csbrdf file, or - for standard input
     #[arg(value_name = "FILE")]
     pub input: PathBuf,
-    /// Which blocks to keep, as `csbrdf render --trace` or `csbrdf eval --trace` wrote it; several are joined
-    #[arg(long, required = true, value_name = "TRACE")]
+    /// Which blocks to keep, as `csbrdf render --trace` or `csbrdf eval --trace` wrote it; several are joined [default: all,
+    /// with --channels]
+    #[arg(long, required_unless_present = "channels", value_name = "TRACE")]
     pub trace: Vec<PathBuf>,
+    /// Channels to keep, by the names that `csbrdf info` shows, or by number from 0 where none has that name. They stay bit for
+    /// bit, so the file must have its channels coded each alone: as all but three are, or by encode --channels separate
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    pub channels: Vec<String>,
     /// Output file, - for standard output; if not given, the input's name with .pruned.csbrdf, beside it
     #[arg(short, long, value_name = "OUT")]
     pub output: Option<PathBuf>,

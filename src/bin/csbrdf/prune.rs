@@ -1,8 +1,9 @@
-//! `csbrdf prune`: a smaller file for the scenes of some traces.
+//! `csbrdf prune`: a smaller file for the scenes of some traces, or of some channels.
 
 use std::path::{Path, PathBuf};
 
-use csbrdf::prune::prune;
+use csbrdf::grid::Channel;
+use csbrdf::prune::Pruner;
 use csbrdf::touched::Touched;
 
 use crate::args::PruneArgs;
@@ -22,21 +23,34 @@ pub fn run(args: &PruneArgs, quiet: bool) -> Outcome {
     let target = Target::of(&output);
     let reader = input::open(&args.input)?;
     target.check(args.force)?;
-    let mut traces = args.trace.iter().map(|path| read_trace(path).map(|trace| (path, trace)));
-    let Some(first) = traces.next() else {
-        return Err(Failure::usage("no trace; `csbrdf render --trace` or `csbrdf eval --trace` writes one"));
-    };
-    let (_, mut touched) = first?;
-    for trace in traces {
-        let (path, trace) = trace?;
-        touched.merge(&trace).map_err(|e| Failure::in_file(path, &e))?;
+    let mut touched: Option<Touched> = None;
+    for path in &args.trace {
+        let trace = read_trace(path)?;
+        match &mut touched {
+            Some(touched) => touched.merge(&trace).map_err(|e| Failure::in_file(path, &e))?,
+            None => touched = Some(trace),
+        }
     }
-    let pruned = prune(&reader, &touched, args.detail).map_err(|e| Failure::in_file(&args.input, &e))?;
+    let mut pruner = Pruner::new().detail(args.detail);
+    if let Some(touched) = &touched {
+        pruner = pruner.blocks(touched);
+    }
+    let channels = reader.grid().channels();
+    let mut kept = channels.len();
+    if !args.channels.is_empty() {
+        let chosen = numbers(&args.channels, channels)
+            .map_err(|what| Failure::usage(format!("{}: {what}", label(&args.input))))?;
+        kept = chosen.len();
+        pruner = pruner.channels(&chosen);
+    }
+    let pruned = pruner.prune(&reader).map_err(|e| Failure::in_file(&args.input, &e))?;
     target.write(args.force, |out| Ok(out.write_all(&pruned.bytes)?))?;
     if !quiet {
         let (before, after) = (reader.directory().file_length(), pruned.bytes.len());
+        let of_channels =
+            if kept < channels.len() { format!(", {kept} of {} channels", channels.len()) } else { String::new() };
         note(&format!(
-            "{} -> {}: {} bytes of {} ({}), {} blocks of {}",
+            "{} -> {}: {} bytes of {} ({}), {} blocks of {}{of_channels}",
             label(&args.input),
             label(&output),
             grouped(after),
@@ -47,6 +61,28 @@ pub fn run(args: &PruneArgs, quiet: bool) -> Outcome {
         ));
     }
     Ok(())
+}
+
+/// Most names that a message lists.
+const MAX_LISTED: usize = 8;
+
+/// Channels by name, or by number where none has that name.
+fn numbers(texts: &[String], channels: &[Channel]) -> Result<Vec<usize>, String> {
+    let number = |text: &String| {
+        let named: Vec<usize> = (0..channels.len()).filter(|&c| channels[c].name == *text).collect();
+        match named[..] {
+            [channel] => Ok(channel),
+            [first, second, ..] => {
+                Err(format!("several channels are named `{text}`, {first} and {second} among them; give their numbers"))
+            }
+            [] => text.parse().ok().filter(|channel| *channel < channels.len()).ok_or_else(|| {
+                let mut names: Vec<&str> = channels.iter().take(MAX_LISTED).map(|c| c.name.as_str()).collect();
+                names.extend((channels.len() > MAX_LISTED).then_some("..."));
+                format!("no channel `{text}`; there are {}, or by number 0 to {}", names.join(", "), channels.len() - 1)
+            }),
+        }
+    };
+    texts.iter().map(number).collect()
 }
 
 fn read_trace(path: &Path) -> Result<Touched, Failure> {
@@ -62,4 +98,21 @@ fn read_trace(path: &Path) -> Result<Touched, Failure> {
 /// Writes what a scene touched.
 pub fn write_trace(path: &Path, touched: &Touched, force: bool) -> Outcome {
     Target::File(PathBuf::from(path)).write(force, |out| Ok(out.write_all(touched.to_text().as_bytes())?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn channels_have_names_and_numbers() {
+        let channel = |name: &&str| Channel { name: name.to_string(), wavelength: None, scale: 1.0 };
+        let channels: Vec<Channel> = ["R", "1", "B", "B", ""].iter().map(channel).collect();
+        let of = |text: &str| numbers(&text.split(',').map(String::from).collect::<Vec<_>>(), &channels);
+        assert_eq!(of("R,2,1,0,"), Ok(vec![0, 2, 1, 0, 4]));
+        assert!(of("B").unwrap_err().contains("several channels are named `B`, 2 and 3"));
+        for unknown in ["G", "5", "-1", "r", "0.5"] {
+            assert!(of(unknown).unwrap_err().contains("there are R, 1, B, B, , or by number 0 to 4"), "{unknown}");
+        }
+    }
 }

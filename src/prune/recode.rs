@@ -1,0 +1,181 @@
+//! Records coded again, without the channels and the detail that a pruned file does not keep.
+
+use super::channels::Selection;
+use crate::block::{Block, positions};
+use crate::correct::{self, Decoded};
+use crate::decode::{CORRECTIONS, Header, MASKS, Scratch, ZEROS, without_zeros};
+use crate::encode::classify;
+use crate::entropy::Walk;
+use crate::format::record::{Record, ValidityClass};
+use crate::quantize::Quantizer;
+use crate::range::{Coder, Decoder};
+use crate::zeros::code_zeros;
+
+/// Takes records apart and codes what is left of them.
+pub(super) struct Recoder<'a> {
+    source: &'a Header,
+    /// Of the pruned file.
+    target: &'a Header,
+    /// `None`: all channels.
+    selection: Option<&'a Selection>,
+    /// Rms error that a block may gain, log domain.
+    detail: f64,
+    scratch: Scratch,
+    walk: Walk,
+    correct: correct::Walk,
+}
+
+/// What a record told, less what is not kept.
+pub(super) struct Remains {
+    pub(super) class: ValidityClass,
+    /// Valid entries of what is kept, times this, are those of the record; infinite if none are left.
+    pub(super) valid_before: f64,
+    /// Rms error gained, log domain.
+    pub(super) lost: f64,
+    /// As in [`Scratch`].
+    masks: Vec<bool>,
+    zeros: Vec<bool>,
+    coefficients: Vec<i32>,
+    /// With the log values before them, `[channel][position]`, if the file has a correction step.
+    corrections: Option<(Vec<i32>, Vec<f32>)>,
+}
+
+impl<'a> Recoder<'a> {
+    pub(super) fn new(
+        source: &'a Header,
+        target: &'a Header,
+        selection: Option<&'a Selection>,
+        detail: f64,
+    ) -> Recoder<'a> {
+        let (scratch, walk, correct) = Default::default();
+        Recoder { source, target, selection, detail, scratch, walk, correct }
+    }
+
+    /// Takes a record with coefficients apart.
+    pub(super) fn take_apart(
+        &mut self,
+        block: &Block,
+        record: &Record,
+        means: &[i32],
+    ) -> Result<Remains, &'static str> {
+        let Recoder { source, target, selection, detail, scratch, .. } = self;
+        let corrected = source.coding.correction.is_some();
+        if corrected {
+            source.rebuild(block, record, means, scratch)?;
+        } else {
+            let probabilities = source.probabilities.get().map_err(|_| "its probabilities are damaged")?;
+            let mut decoder = Decoder::new(probabilities, record.coded);
+            source.decode_record(block, record.class, &mut decoder, scratch)?;
+            decoder.check_end()?;
+        }
+        // Beyond the extents a scratch holds what blocks before have left there.
+        let n = block.positions();
+        for (plane, extents) in scratch.coefficients.chunks_exact_mut(n).zip(&scratch.extents) {
+            for (k, q) in positions(block.shape).zip(plane) {
+                *q = if (0..4).all(|a| k[a] < extents[a]) { *q } else { 0 };
+            }
+        }
+        let mut remains = Remains {
+            class: record.class,
+            valid_before: 1.0,
+            lost: 0.0,
+            masks: scratch.masks.clone(),
+            zeros: scratch.zeros.clone(),
+            coefficients: scratch.coefficients.to_vec(),
+            corrections: None,
+        };
+        if let Some(selection) = selection {
+            remains.select(selection, source, target, block);
+            if corrected {
+                let corrections = selection.of_channels(&scratch.corrections, n);
+                let extents = selection.of_components(&scratch.extents, 1);
+                let means = selection.of_components(means, 1);
+                target.rebuild_uncoded(block, &remains.coefficients, &extents, &means, scratch)?;
+                remains.corrections = Some((corrections, scratch.log.to_vec()));
+            }
+        }
+        let values = remains.coefficients.len() as f64;
+        let lost = drop_finest(target, block, &mut remains.coefficients, *detail * *detail * values);
+        remains.lost = (lost / values).sqrt();
+        Ok(remains)
+    }
+
+    /// Codes what is left of a record.
+    pub(super) fn code<C: Coder>(
+        &mut self,
+        coder: &mut C,
+        block: &Block,
+        remains: &mut Remains,
+    ) -> Result<(), &'static str> {
+        let Recoder { target, walk, correct, .. } = self;
+        if matches!(remains.class, ValidityClass::Mask | ValidityClass::MaskPerChannel) {
+            target.mask_model().code(coder, MASKS, block, &mut remains.masks);
+        }
+        if target.coding.zeros {
+            code_zeros(coder, ZEROS, block.shape, &remains.masks, &mut remains.zeros);
+        }
+        let quantization = target.coding.quantization;
+        walk.code(coder, quantization, block.shape, &mut remains.coefficients, &mut Vec::new())
+            .map_err(|_| "an extent or a coefficient is out of range")?;
+        if let (Some(step), Some((corrections, log))) = (target.coding.correction, &mut remains.corrections) {
+            let masks = &without_zeros(&remains.masks, &remains.zeros);
+            let decoded = Decoded { shape: block.shape, masks, log, step };
+            correct.code(coder, CORRECTIONS, decoded, corrections).map_err(|_| "a correction is out of range")?;
+        }
+        Ok(())
+    }
+}
+
+impl Remains {
+    fn select(&mut self, selection: &Selection, source: &Header, target: &Header, block: &Block) {
+        let n = block.positions();
+        let [before, after] = [source, target].map(|header| header.grid.channels().len());
+        self.valid_before = before as f64 / after as f64;
+        self.coefficients = selection.of_components(&self.coefficients, n);
+        if !self.zeros.is_empty() {
+            self.zeros = selection.of_channels(&self.zeros, n);
+        }
+        if self.class == ValidityClass::MaskPerChannel {
+            let valid = |masks: &[bool]| masks.iter().filter(|valid| **valid).count() as f64;
+            let of_all = valid(&self.masks);
+            let masks = selection.of_channels(&self.masks, n);
+            self.valid_before = of_all / valid(&masks);
+            (self.class, self.masks) = match classify(target, block, &masks) {
+                // Its coefficients stay: what they fill in is to stay too.
+                (ValidityClass::None, _) => (ValidityClass::Mask, masks[..n].to_vec()),
+                (ValidityClass::Mask, mask) => (ValidityClass::Mask, mask),
+                (class, _) => (class, masks),
+            };
+        }
+    }
+}
+
+/// Sets the coefficients of the highest frequencies to zero while their squares sum to at most `budget`; the sum.
+///
+/// The frequency is in half periods a bin, over all axes. Along a row it grows, so that a row loses its tail: what is left of it goes
+/// through the same states of the dependent quantiser as before.
+fn drop_finest(header: &Header, place: &Block, coefficients: &mut [i32], budget: f64) -> f64 {
+    if budget == 0.0 {
+        return 0.0;
+    }
+    let n = place.positions();
+    let mut finest: Vec<(f64, usize, f64)> = Vec::new();
+    let shrink = header.coding.shrink.map(|s| f32::from(s) / 256.0);
+    for (component, plane) in coefficients.chunks_exact(n).enumerate() {
+        let quantizer = Quantizer { step: header.coding.steps[component], shrink };
+        for (at, (k, &q)) in positions(place.shape).zip(plane).enumerate().filter(|(_, (_, q))| **q != 0) {
+            let frequency = (0..4).map(|a| (k[a] as f64 / place.shape[a] as f64).powi(2)).sum();
+            finest.push((frequency, component * n + at, f64::from(quantizer.dequantize(q)).powi(2)));
+        }
+    }
+    finest.sort_by(|a, b| b.0.total_cmp(&a.0).then(b.1.cmp(&a.1)));
+    let mut lost = 0.0;
+    for (_, at, square) in finest {
+        if lost + square > budget {
+            break;
+        }
+        lost += square;
+        coefficients[at] = 0;
+    }
+    lost
+}
