@@ -6,7 +6,7 @@ shopt -s nullglob
 cd "$(dirname "$0")"
 golden=../tests/data/v1
 # Bytes before the file in the inputs of these targets: HEAD of their bodies.
-declare -A head=([eval]=64 [stale]=12 [capi]=32)
+declare -A head=([eval]=64 [stale]=12 [salvage]=12 [capi]=32)
 
 files=("$golden"/*.csbrdf)
 traces=()
@@ -15,7 +15,7 @@ for folder in "$@"; do
     traces+=("$folder"/*.trace)
 done
 
-mkdir -p corpus/{open,block,file,eval,stale,prune,trace,encode,merl,samples,args,capi}
+mkdir -p corpus/{open,block,file,eval,stale,salvage,prune,trace,encode,merl,samples,args,manifest,capi}
 
 for file in "${files[@]}"; do
     name=$(basename "$file" .csbrdf)
@@ -26,8 +26,18 @@ for file in "${files[@]}"; do
     done
 done
 
+# Each way of damage, at places all over the file.
+number=0
+for file in "$golden"/*.csbrdf; do
+    for way in 1 2 4 8 16 1 1 4; do
+        number=$((number + 1)) at=$((number * 7919 % 65536))
+        printf -v damage '\\x%x\\xff\\x40\\0\\x3\\0\\x%x\\x%x\\0\\0\\0\\0' $way $((at & 255)) $((at >> 8))
+        { printf "$damage" && cat "$file"; } >"corpus/salvage/$number"
+    done
+done
+
 # By the number of the golden file: block and record; detail, channels and blocks.
-for number in $(seq 0 30); do
+for number in $(seq 0 "$(ls "$golden"/*.csbrdf | tail -n +2 | wc -l)"); do
     printf "\\x$(printf %x "$number")\\0" >"corpus/block/$number"
     printf "\\x$(printf %x "$number")\\x01\\x00rrrrrrrrrr\\x00\\xff" >"corpus/block/$number-record"
     printf "\\x$(printf %x "$number")\\0\\0\\xaa\\x5f\\xff\\x03" >"corpus/prune/$number"
@@ -64,6 +74,9 @@ grep -oE '^ {4}csbrdf [^#;]*' ../README.md | while read -r _ words; do
     number=$((number + 1))
     tr ' ' '\n' <<<"$words" >"corpus/args/readme-$number"
 done
+
+cp "$golden"/set/manifest.json corpus/manifest/golden
+printf '{"format":"csbrdf-manifest","version":1,"tool":"","materials":[]}' >corpus/manifest/empty
 
 for file in ../tests/crashes/*; do
     name=$(basename "$file")

@@ -41,6 +41,13 @@ impl<'a> ByteReader<'a> {
         Ok(&rest[..n])
     }
 
+    /// The next `N` bytes.
+    pub(crate) fn array<const N: usize>(&mut self) -> Result<[u8; N]> {
+        let mut array = [0; N];
+        array.copy_from_slice(self.bytes(N)?);
+        Ok(array)
+    }
+
     read_fixed!(u8, u8, 1, |b: &[u8]| b[0]);
     read_fixed!(u16, u16, 2, LE::read_u16);
     read_fixed!(u32, u32, 4, LE::read_u32);

@@ -237,10 +237,11 @@ impl<D: AsRef<[u8]>> Reader<D> {
         self.index.record(block).len()
     }
 
-    /// Provenance and encoder report; empty if the file has none.
+    /// Provenance and encoder report; empty if the file has none. Takes some tens of megabytes at most, whatever is in the file.
     ///
     /// # Errors
-    /// `Corrupt` if the section is damaged.
+    /// `Corrupt` if the section is damaged, `LimitExceeded` if it holds more than [`crate::format::MAX_METADATA`] bytes or
+    /// [`crate::format::MAX_METADATA_OBJECTS`] objects and lists.
     #[cfg(feature = "metadata")]
     pub fn metadata(&self) -> Result<Metadata> {
         match self.directory.find(directory::METADATA) {

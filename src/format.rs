@@ -85,6 +85,8 @@ pub const MAX_BLOCK_WORK: u64 = 1 << 30;
 pub const MAX_TABLE_ENTRIES: usize = 1 << 22;
 /// Most bytes of the metadata after decompression.
 pub const MAX_METADATA: usize = 1 << 20;
+/// Most bytes `{` and `[` in the text of the metadata: an object takes half a kilobyte of memory, be it `{"":0}`.
+pub const MAX_METADATA_OBJECTS: usize = 1 << 14;
 /// Most means of an index: blocks times channels.
 pub const MAX_MEANS: usize = 1 << 24;
 /// Most sections of a file.

@@ -94,8 +94,9 @@ impl Synthesis {
         Synthesis { basis, tables: lengths.into_iter().map(|n| (n, OnceLock::new())).collect() }
     }
 
+    #[expect(clippy::expect_used, reason = "blocks have the lengths of the partition, whose list `new` got")]
     pub(crate) fn axis(&self, n: usize) -> &AxisTable {
-        let at = self.tables.binary_search_by_key(&n, |t| t.0).expect("lengths come from the same partition");
+        let at = self.tables.binary_search_by_key(&n, |t| t.0).expect("a length of the partition");
         self.tables[at].1.get_or_init(|| AxisTable::new(self.basis, n))
     }
 

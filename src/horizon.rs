@@ -158,6 +158,7 @@ mod tests {
     use crate::block::positions;
 
     #[test]
+    #[cfg_attr(miri, ignore = "whole tables of MERL's size")]
     fn impossible_share_of_the_merl_grid() {
         let grid = Grid::merl();
         let horizon = Horizon::new(&grid).unwrap();

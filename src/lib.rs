@@ -49,6 +49,18 @@
 //! decodes whole tables on all cores, `metadata` reads provenance (serde, zstd); `encode` adds the encoder with the
 //! l1 solver, metrics and pictures; `cli` (default) the tool.
 #![cfg_attr(not(feature = "encode"), allow(dead_code))]
+// What reads files gives an error for any bytes; where it could panic by intent, the place says why it does not.
+#![cfg_attr(
+    not(any(test, feature = "encode")),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::unreachable,
+        clippy::todo,
+        clippy::unimplemented
+    )
+)]
 
 mod bits;
 pub mod block;

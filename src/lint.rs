@@ -237,6 +237,7 @@ mod tests {
     }
 
     #[test]
+    #[cfg_attr(miri, ignore = "integrals of millions of points")]
     fn a_lambertian_surface_has_its_albedo_everywhere() {
         let found = findings(|_, _| 0.7 / PI);
         assert_eq!(found.albedos.len(), 7);
@@ -253,6 +254,7 @@ mod tests {
     }
 
     #[test]
+    #[cfg_attr(miri, ignore = "integrals of millions of points")]
     fn a_narrow_lobe_is_integrated() {
         // A GGX lobe without masking and Fresnel, times 1 / (4 cos_i cos_o), reflects D cos(theta_h) integrated: 1 at
         // the normal.
@@ -268,6 +270,7 @@ mod tests {
     }
 
     #[test]
+    #[cfg_attr(miri, ignore = "integrals of millions of points")]
     fn what_cannot_be_is_reported() {
         let one_way = findings(|wi, wo| 0.1 + if wi[2] > wo[2] { 0.02 } else { 0.0 });
         let [Warning::Reciprocity(deviation)] = one_way.warnings()[..] else { panic!("{one_way:?}") };

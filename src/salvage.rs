@@ -147,7 +147,7 @@ pub fn salvage_with_limits(data: &[u8], limits: Limits) -> Result<Salvaged> {
     {
         let Some(section) = head.section(name) else { continue };
         match head.take(name, &mut damage).filter(|mended| mended.sound) {
-            Some(mended) => image.push(name, section, &mended.bytes),
+            Some(mended) => image.push(section, &mended.bytes),
             None => return Err(needed(name, section)),
         }
     }
@@ -165,7 +165,7 @@ pub fn salvage_with_limits(data: &[u8], limits: Limits) -> Result<Salvaged> {
     let section = head.section(directory::INDEX).ok_or_else(|| missing("INDX"))?.clone();
     let mended = head.take(directory::INDEX, &mut damage).ok_or_else(|| needed(directory::INDEX, &section))?;
     let entries: Vec<Entry> = if mended.sound {
-        image.push(directory::INDEX, &section, &mended.bytes);
+        image.push(&section, &mended.bytes);
         let directory = Directory::of(head.version, image.sections.clone());
         let reader = directory.open(&image.bytes, directory::INDEX)?;
         let index = match compact {
@@ -190,10 +190,11 @@ pub fn salvage_with_limits(data: &[u8], limits: Limits) -> Result<Salvaged> {
     };
 
     // Metadata, if they are intact.
-    if let Some(mended) = head.take(directory::METADATA, &mut damage) {
-        let section = head.section(directory::METADATA).expect("it was taken");
+    if let Some(section) = head.section(directory::METADATA)
+        && let Some(mended) = head.take(directory::METADATA, &mut damage)
+    {
         if mended.sound {
-            image.push(directory::METADATA, section, &mended.bytes);
+            image.push(section, &mended.bytes);
         } else {
             let what = "damaged; the metadata are lost";
             damage.push(Damage::of_section(directory::METADATA, section.range.clone(), what, Outcome::Lost));
@@ -208,11 +209,11 @@ pub fn salvage_with_limits(data: &[u8], limits: Limits) -> Result<Salvaged> {
             lost.push(block);
         });
     let start = image.bytes.len();
-    image.push(directory::RECORDS, &records, &kept);
+    image.push(&records, &kept);
     if let Some(section) = head.section(directory::EXACT).filter(|_| compact)
         && let Some(bytes) = exact::take(data, section, blocks, components, &lost, &mut damage)
     {
-        image.push(directory::EXACT, section, &bytes);
+        image.push(section, &bytes);
     }
     check_others(data, &head, &mut damage);
     let index = Index::of(&entries, start, components);
@@ -253,10 +254,10 @@ struct Image {
 }
 
 impl Image {
-    fn push(&mut self, name: &str, like: &Section, bytes: &[u8]) {
-        let id = name.as_bytes().try_into().expect("four letters");
+    /// Appends a section with other bytes.
+    fn push(&mut self, like: &Section, bytes: &[u8]) {
         let range = self.bytes.len()..self.bytes.len() + bytes.len();
-        self.sections.push(Section { id, skippable: like.skippable, range, crc: crc32fast::hash(bytes) });
+        self.sections.push(Section { range, crc: crc32fast::hash(bytes), ..*like });
         self.bytes.extend_from_slice(bytes);
     }
 }

@@ -134,11 +134,12 @@ mod tests {
 
     #[test]
     fn ratio_is_met_on_average() {
-        let valid = vec![true; 100_000];
+        let valid = vec![true; if cfg!(miri) { 2000 } else { 100_000 }];
+        let entries = valid.len() as f64;
         for ratio in [0.01, 0.05, 0.5] {
             let n = sample_positions(7, Sampling::from_ratio(ratio).unwrap(), &valid).len() as f64;
-            let sigma = (100_000.0 * ratio * (1.0 - ratio)).sqrt();
-            assert!((n - 100_000.0 * ratio).abs() < 4.0 * sigma, "{ratio}: {n}");
+            let sigma = (entries * ratio * (1.0 - ratio)).sqrt();
+            assert!((n - entries * ratio).abs() < 4.0 * sigma, "{ratio}: {n}");
         }
     }
 
@@ -161,7 +162,7 @@ mod tests {
     proptest! {
         #[test]
         fn missing_positions_are_skipped_to_the_next(
-            valid in prop::collection::vec(any::<bool>(), 1..300), seed in any::<u64>(), ratio in 0.001f64..1.0
+            valid in prop::collection::vec(any::<bool>(), 1..if cfg!(miri) { 40 } else { 300 }), seed in any::<u64>(), ratio in 0.001f64..1.0
         ) {
             let sampling = Sampling::from_ratio(ratio).unwrap();
             let positions = sample_positions(seed, sampling, &valid);

@@ -15,7 +15,7 @@ mod bodies;
 use std::path::Path;
 
 use bodies::golden::GOLDEN;
-use bodies::{capi, eval, stale};
+use bodies::{capi, eval, salvage, stale};
 
 fn folder(name: &str) -> Vec<(String, Vec<u8>)> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests").join(name);
@@ -53,7 +53,9 @@ fn golden_files_pass_the_targets() {
         for target in ["open", "file"] {
             body(target)(file);
         }
-        for (target, head) in [("eval", eval::HEAD), ("stale", stale::HEAD), ("capi", capi::HEAD)] {
+        for (target, head) in
+            [("eval", eval::HEAD), ("stale", stale::HEAD), ("salvage", salvage::HEAD), ("capi", capi::HEAD)]
+        {
             for fill in [0, 7, 0x45] {
                 body(target)(&[&vec![fill; head], *file].concat());
             }

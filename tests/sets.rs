@@ -224,6 +224,8 @@ fn a_manifest_that_says_otherwise_is_found_out() {
     verify(&|m| m["materials"][1]["valid"] = 7.into(), BAD_INPUT).says(&["valid is", "not 7"]);
     verify(&|m| m["materials"][0]["file"] = "../x.csbrdf".into(), BAD_INPUT).says(&["is not the name of a file"]);
     verify(&|m| m["materials"][0]["file"] = "pearl.csbrdf".into(), BAD_INPUT).says(&["is listed twice"]);
+    verify(&|m| m["materials"][0]["sha256"] = "00FF".into(), BAD_INPUT).says(&["\"00FF\" is no SHA-256"]);
+    verify(&|m| m["materials"][0]["step"] = 1e300.into(), BAD_INPUT).says(&["out of range"]);
     verify(&|m| m["version"] = 2.into(), UNSUPPORTED).says(&["manifest version 2"]);
     verify(&|m| m["format"] = "x".into(), BAD_INPUT).says(&["is no manifest of csbrdf files"]);
     verify(&|m| drop(m["materials"][2].as_object_mut().unwrap().remove("sha256")), BAD_INPUT).says(&["`sha256`"]);
@@ -296,6 +298,12 @@ fn info_prints_a_table_or_the_object() {
     let objects: Vec<Value> = both.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert_eq!((&objects[0], objects.len()), (&manifest(&path), 2));
     run(&["info", "--blocks", text(&path)]).expect(USAGE).says(&["--blocks"]);
+
+    // A name wider than any column: 16 bits of width are what Rust formats.
+    let (_folder, path) = copy();
+    edit(&path, |m| m["materials"][0]["name"] = "x".repeat(100_000).into());
+    let table = run(&["info", text(&path)]).expect(OK).stdout;
+    assert!(table.len() < 102_000 && table.contains(&"x".repeat(100_000)));
 }
 
 #[test]

@@ -61,7 +61,10 @@ mod tests {
 
     #[test]
     fn batches_give_the_table() {
-        let file = include_bytes!("../../tests/data/v1/dct-tiled.csbrdf");
+        let (usual, small) = ("dct-tiled", "dct-1d-single-positions");
+        let name = if cfg!(miri) { small } else { usual };
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/v1");
+        let file = std::fs::read(format!("{folder}/{name}.csbrdf")).unwrap();
         let reader = Reader::open(&file[..]).unwrap().with_pruned(Pruned::Coarse);
         assert!(!reader.has_short_rows());
         let expected = reader.decode_all().unwrap();

@@ -24,6 +24,7 @@ use crate::salvage::salvage_with_limits;
 use crate::sample::Sampling;
 
 /// A file of one shape of blocks, all with the same coded bytes.
+#[derive(Clone)]
 struct Bomb {
     lens: [usize; 3],
     channels: usize,
@@ -32,6 +33,7 @@ struct Bomb {
     coded: Vec<u8>,
     profile: Option<CodedProfile>,
     metadata: Option<Vec<u8>>,
+    exact: Option<Vec<u8>>,
     basis: Basis,
 }
 
@@ -41,7 +43,8 @@ impl Default for Bomb {
     fn default() -> Bomb {
         let class = ValidityClass::None;
         let (lens, block) = ([8; 3], [8; 3]);
-        Bomb { lens, channels: 1, block, class, coded: vec![], profile: None, metadata: None, basis: Basis::Dct }
+        let (coded, basis) = (vec![], Basis::Dct);
+        Bomb { lens, channels: 1, block, class, coded, profile: None, metadata: None, exact: None, basis }
     }
 }
 
@@ -94,6 +97,7 @@ impl Bomb {
         sections.push((directory::INDEX, false, write_index(&partition, &entries)));
         sections.extend(self.metadata.clone().map(|metadata| (directory::METADATA, true, metadata)));
         sections.push((directory::RECORDS, false, records));
+        sections.extend(self.exact.clone().map(|exact| (directory::EXACT, true, exact)));
         write_file((1, 0, 4), &sections)
     }
 
@@ -206,7 +210,24 @@ fn lists_of_damage_are_bounded() {
     assert!(reader.decode_all().is_err());
 }
 
-/// JSON that is deep, or wide: an error, or some ten times its megabyte.
+/// The list of lengths in EXCT is as long as it says, or an error; it is read when bits are asked for, and has room for eight bytes a
+/// block, which the block takes in the file as well.
+#[test]
+fn lists_of_lengths_are_bounded() {
+    let bomb = Bomb { lens: [64, 64, 16], block: [1, 1, 1], ..Bomb::default() };
+    let blocks = bomb.partition().block_count();
+    for (lengths, part) in [(0, 0), (blocks - 1, 4), (blocks, 0), (blocks, u32::MAX), (blocks, 4)] {
+        let mut exact = (blocks as u32).to_le_bytes().to_vec();
+        exact.extend([0; 8]);
+        exact.extend([part; 1].repeat(lengths).iter().flat_map(|length: &u32| length.to_le_bytes()));
+        exact.extend(crc32fast::hash(&exact).to_le_bytes());
+        let reader = Reader::open(Bomb { exact: Some(exact), ..bomb.clone() }.file()).unwrap();
+        assert!(reader.is_lossless() && reader.exact_block(0).is_err() && reader.exact_table().is_err());
+        assert!(!reader.verify().is_empty() && reader.decode_all().is_ok());
+    }
+}
+
+/// JSON that is deep, or wide, or of many small objects: an error, or some tens of megabytes.
 #[test]
 fn metadata_are_bounded() {
     let open = |text: &[u8]| {
@@ -220,6 +241,7 @@ fn metadata_are_bounded() {
         assert!(open(text.as_bytes()).is_err());
     }
     assert!(open(wide().as_bytes()).is_ok());
+    assert!(is_limit(open(("{\"other\":[{\"\":0}".to_string() + &",{\"\":0}".repeat(1 << 14) + "]}").as_bytes())));
     // A frame of more than it says.
     let mut metadata = 100u32.to_le_bytes().to_vec();
     metadata.extend(zstd::bulk::compress(&vec![b' '; 1 << 28], 3).unwrap());
@@ -227,11 +249,10 @@ fn metadata_are_bounded() {
     assert!(Reader::open(Bomb { metadata: Some(metadata), ..Bomb::default() }.file()).unwrap().metadata().is_err());
 }
 
-/// A megabyte of small objects.
+/// A megabyte of as many objects as may be, and of numbers.
 fn wide() -> String {
-    let mut text = "{\"other\":[".to_string() + &"{\"\":0},".repeat((1 << 20) / 7 - 4);
-    text.pop();
-    text + "]}"
+    let objects = "{\"other\":[".to_string() + &"{\"\":0},".repeat((1 << 14) - 2);
+    objects.clone() + &"0,".repeat(((1 << 20) - objects.len() - 3) / 2) + "0]}"
 }
 
 /// Peak memory of the process, kB.

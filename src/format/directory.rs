@@ -110,7 +110,7 @@ impl Directory {
         for _ in 0..count {
             let at = table.offset();
             // Identifier, flags, length in bytes, CRC-32. Sections follow each other without gaps.
-            let id: [u8; 4] = table.bytes(4)?.try_into().expect("four bytes");
+            let id = table.array()?;
             let flags = table.u32()?;
             let length = table.u64()?;
             let crc = table.u32()?;

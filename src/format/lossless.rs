@@ -32,8 +32,8 @@ impl ExactIndex {
             return Err(r.corrupt(format!("{count} blocks, the partition has {blocks}")));
         }
         // Bits of entries that are not valid, a channel each.
-        let missing = r.bytes(8 * channels)?.chunks_exact(8);
-        let missing = missing.map(|b| u64::from_le_bytes(b.try_into().expect("eight bytes"))).collect();
+        let (missing, _) = r.bytes(8 * channels)?.as_chunks();
+        let missing = missing.iter().map(|bits| u64::from_le_bytes(*bits)).collect();
         // Length of each block's part.
         let lengths = r.bytes(blocks.saturating_mul(4))?;
         // CRC-32 of the section up to here.
@@ -42,8 +42,8 @@ impl ExactIndex {
         let mut offsets = Vec::with_capacity(blocks + 1);
         let mut at = r.offset();
         offsets.push(at as usize);
-        for length in lengths.chunks_exact(4) {
-            let length = u32::from_le_bytes(length.try_into().expect("four bytes"));
+        for length in lengths.as_chunks().0 {
+            let length = u32::from_le_bytes(*length);
             at += u64::from(length);
             if (length as usize) < CRC || at > section.range.end as u64 {
                 return Err(r.corrupt(format!("the part of block {} has {length} bytes", offsets.len() - 1)));
@@ -63,7 +63,7 @@ impl ExactIndex {
 
     /// Whether a block's part stands for one that was lost before the file was repaired: no bytes, and the complement of their checksum.
     pub(crate) fn is_lost(&self, data: &[u8], block: usize) -> bool {
-        data[self.part(block)] == lost_part(block as u32)
+        data.get(self.part(block)).is_some_and(|part| part == lost_part(block as u32))
     }
 
     /// Output of the range coder for a block, its checksum verified.
@@ -72,9 +72,11 @@ impl ExactIndex {
         if self.is_lost(data, block) {
             return Err(self.corrupt(block, "its exact values were lost before the file was repaired"));
         }
-        let (coded, crc) = data[part.clone()].split_at(part.len() - CRC);
-        let crc = u32::from_le_bytes(crc.try_into().expect("four bytes"));
-        check_crc(directory::EXACT, part.start as u64, crc, checksum(block as u32, coded))?;
+        let Some((coded, crc)) = data.get(part.clone()).and_then(<[u8]>::split_last_chunk::<CRC>) else {
+            return Err(self.corrupt(block, "the file ends before it does"));
+        };
+        let (place, crc) = (part.start as u64, u32::from_le_bytes(*crc));
+        check_crc(directory::EXACT, place, crc, checksum(block as u32, coded))?;
         Ok(coded)
     }
 

@@ -9,7 +9,7 @@ mod present {
 
     use crate::bits::ByteReader;
     use crate::error::{Error, Result};
-    use crate::format::MAX_METADATA;
+    use crate::format::{MAX_METADATA, MAX_METADATA_OBJECTS};
 
     /// Provenance of a file. All fields are optional; unknown keys are kept in `other`.
     #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -59,36 +59,41 @@ mod present {
         pub other: BTreeMap<String, Value>,
     }
 
+    /// Name of what [`MAX_METADATA_OBJECTS`] limits.
+    const OBJECTS: &str = "objects and lists of the metadata";
+
+    /// About the objects and lists of a text, those in strings as well.
+    fn objects(text: &[u8]) -> usize {
+        text.iter().filter(|byte| matches!(byte, b'{' | b'[')).count()
+    }
+
+    fn at_most(what: &'static str, got: usize, limit: usize) -> Result<()> {
+        if got > limit {
+            return Err(Error::LimitExceeded { what, got: got as u64, limit: limit as u64 });
+        }
+        Ok(())
+    }
+
     impl Metadata {
         pub(crate) fn read(mut r: ByteReader) -> Result<Metadata> {
             // Length of the JSON text, then one zstd frame that holds it.
             let length = r.u32()? as usize;
-            if length > MAX_METADATA {
-                return Err(Error::LimitExceeded {
-                    what: "metadata size",
-                    got: length as u64,
-                    limit: MAX_METADATA as u64,
-                });
-            }
+            at_most("metadata size", length, MAX_METADATA)?;
             let place = r.clone();
             let frame = r.bytes(r.left())?;
             let text = zstd::bulk::decompress(frame, length).map_err(|e| place.corrupt(format!("zstd: {e}")))?;
             if text.len() != length {
                 return Err(place.corrupt(format!("{} bytes of JSON, expected {length}", text.len())));
             }
+            at_most(OBJECTS, objects(&text), MAX_METADATA_OBJECTS)?;
             serde_json::from_slice(&text).map_err(|e| place.corrupt(format!("JSON: {e}")))
         }
 
         #[cfg(feature = "encode")]
         pub(crate) fn write(&self) -> Result<Vec<u8>> {
             let text = serde_json::to_vec(self).map_err(|e| Error::InvalidArgument(format!("metadata: {e}")))?;
-            if text.len() > MAX_METADATA {
-                return Err(Error::LimitExceeded {
-                    what: "metadata size",
-                    got: text.len() as u64,
-                    limit: MAX_METADATA as u64,
-                });
-            }
+            at_most("metadata size", text.len(), MAX_METADATA)?;
+            at_most(OBJECTS, objects(&text), MAX_METADATA_OBJECTS)?;
             // Free keys may not take the place of known ones: what is written must be readable.
             serde_json::from_slice::<Metadata>(&text)
                 .map_err(|e| Error::InvalidArgument(format!("metadata: a free key has a known key's name: {e}")))?;
@@ -109,6 +114,13 @@ mod present {
             let mut doubled = metadata.clone();
             doubled.other.insert("authors".into(), Value::from("B"));
             assert!(doubled.write().is_err());
+            // As many objects as can be read again, and one more.
+            for (n, fits) in [(MAX_METADATA_OBJECTS - 3, true), (MAX_METADATA_OBJECTS - 2, false)] {
+                let mut many = metadata.clone();
+                many.other.insert("list".into(), vec![serde_json::json!({}); n].into());
+                let read = many.write().and_then(|b| Metadata::read(ByteReader::new(&b, 0, "META")));
+                assert_eq!(read.is_ok_and(|read| read == many), fits, "{n}");
+            }
             let bytes = metadata.write().unwrap();
             assert_eq!(Metadata::read(ByteReader::new(&bytes, 0, "META")).unwrap(), metadata);
         }

@@ -74,15 +74,15 @@ impl<'a> Record<'a> {
         most_doublings: u8,
         may_prune: bool,
     ) -> Result<Record<'a>> {
-        if bytes.len() < OVERHEAD {
+        let parts = bytes.split_last_chunk::<4>().and_then(|(body, crc)| Some((body, body.split_first()?, crc)));
+        let Some((body, (first, coded), crc)) = parts else {
             let what = format!("record of block {block} has {} bytes, at least {OVERHEAD} are needed", bytes.len());
             return Err(Error::corrupt("RECS", offset, what));
-        }
+        };
         // The last four bytes: CRC-32 of the block number and all before.
-        let (body, crc) = bytes.split_at(bytes.len() - 4);
-        check_crc("RECS", offset, u32::from_le_bytes(crc.try_into().expect("four bytes")), checksum(block, body))?;
+        check_crc("RECS", offset, u32::from_le_bytes(*crc), checksum(block, body))?;
         // Class of validity in the lower three bits; higher values are reserved. Doublings of the ratio in the upper five.
-        let (class, doublings) = (body[0] & 7, body[0] >> 3);
+        let (class, doublings) = (first & 7, first >> 3);
         let known = ValidityClass::ALL.get(usize::from(class)).filter(|c| may_prune || **c != ValidityClass::Pruned);
         let class = *known.ok_or_else(|| {
             Error::corrupt("RECS", offset, format!("validity class {class} of block {block} is reserved"))
@@ -97,7 +97,6 @@ impl<'a> Record<'a> {
             return Err(Error::corrupt("RECS", offset, what));
         }
         // Masks and coefficients in the range coder; nothing where nothing is valid.
-        let coded = &body[1..];
         if class.is_mean_only() && !coded.is_empty() {
             let what = format!("block {block} holds its mean only ({}), but coefficients", class.as_str());
             return Err(Error::corrupt("RECS", offset, what));

@@ -14,9 +14,13 @@ const MAX_FOUND: usize = 8;
 pub(crate) fn read(section: &[u8]) -> Option<&[u8]> {
     // The copy, its length, the CRC-32 of both, the section's name.
     let at = section.len().checked_sub(TRAILER)?;
-    let word = |at: usize| u32::from_le_bytes(section[at..at + 4].try_into().expect("four bytes"));
-    let sound = word(at) as usize == at && section.ends_with(NAME);
-    (sound && word(at + 4) == crc32fast::hash(&section[..at + 4])).then_some(&section[..at])
+    let sound = word(section, at)? as usize == at && section.ends_with(NAME);
+    (sound && word(section, at + 4)? == crc32fast::hash(&section[..at + 4])).then_some(&section[..at])
+}
+
+/// The number at a place.
+fn word(bytes: &[u8], at: usize) -> Option<u32> {
+    bytes.get(at..)?.first_chunk().map(|word| u32::from_le_bytes(*word))
 }
 
 /// The copy in a section that may be damaged: what is taken from it has a checksum in the section table.
@@ -28,7 +32,7 @@ pub(crate) fn unchecked(section: &[u8]) -> Option<&[u8]> {
 pub(crate) fn find(data: &[u8]) -> Option<&[u8]> {
     let names = (TRAILER..=data.len()).rev().filter(|&end| data[end - 4..end] == *NAME).take(MAX_FOUND);
     names.into_iter().find_map(|end| {
-        let length = u32::from_le_bytes(data[end - 12..end - 8].try_into().expect("four bytes")) as usize;
+        let length = word(data, end - TRAILER)? as usize;
         let section = &data[end.checked_sub(length.checked_add(TRAILER)?)?..end];
         read(section).map(|_| section)
     })

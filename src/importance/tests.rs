@@ -111,6 +111,7 @@ fn surprise(importance: &Importance, wi: [f64; 3], expected: &[f64]) -> f64 {
 const LIMIT: f64 = 3.48;
 
 #[test]
+#[cfg_attr(miri, ignore = "integrals of millions of points")]
 fn densities_integrate_to_one_and_draws_follow_them() {
     for (name, importance) in materials() {
         for degrees in ELEVATIONS {
@@ -125,6 +126,7 @@ fn densities_integrate_to_one_and_draws_follow_them() {
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "integrals of millions of points")]
 fn a_density_that_is_off_by_a_few_percent_is_noticed() {
     let [_, (_, glossy), ..] = materials();
     for degrees in [0.0, 45.0, 80.0] {
@@ -144,6 +146,7 @@ fn a_density_that_is_off_by_a_few_percent_is_noticed() {
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "integrals of millions of points")]
 fn any_numbers_give_directions_above_the_horizon() {
     let numbers = [0.0, -0.0, 1e-300, 0.049_999, 0.05, 0.3, 0.5, 0.999_999, BELOW_ONE, 1.0, -1.0, 2.0, f64::NAN];
     let heights = [1.0f64, 0.5, 1e-3, 1.1e-6, 1e-6, 1e-9, 1e-300];
@@ -164,6 +167,7 @@ fn any_numbers_give_directions_above_the_horizon() {
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "integrals of millions of points")]
 fn the_density_of_a_draw_is_the_density_there() {
     let mut random = SplitMix64(5);
     for (name, importance) in materials() {
@@ -179,6 +183,7 @@ fn the_density_of_a_draw_is_the_density_there() {
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "integrals of millions of points")]
 fn directions_that_are_none_have_no_density() {
     let [_, (_, glossy), ..] = materials();
     let up = [0.0, 0.0, 1.0];
@@ -193,6 +198,7 @@ fn directions_that_are_none_have_no_density() {
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "integrals of millions of points")]
 fn other_grids_are_drawn_from_by_the_cosine() {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/v1");
     let (mut with, mut without) = (0, 0);

@@ -139,7 +139,7 @@ fn parse(data: &[u8]) -> Result<Table> {
     let mut sections = Vec::new();
     let mut start = PREAMBLE + count * ENTRY;
     for _ in 0..count {
-        let id: [u8; 4] = r.bytes(4)?.try_into().expect("four bytes");
+        let id = r.array()?;
         let (flags, bytes, crc) = (r.u32()?, r.u64()?, r.u32()?);
         let stop = usize::try_from(bytes).ok().and_then(|n| start.checked_add(n)).filter(|&stop| stop as u64 <= length);
         let stop = stop.ok_or_else(|| broken("a section is longer than any file"))?;
@@ -166,8 +166,8 @@ fn flip_back(head: &[u8]) -> Option<Table> {
             return Some(table);
         }
     }
-    let (crc, stated) = (table_crc(head)?, head.get(PREAMBLE - 4..PREAMBLE)?);
-    let difference = crc ^ u32::from_le_bytes(stated.try_into().expect("four bytes"));
+    let (crc, stated) = (table_crc(head)?, head.get(..PREAMBLE)?.last_chunk()?);
+    let difference = crc ^ u32::from_le_bytes(*stated);
     let count = usize::from(u16::from_le_bytes([head[14], head[15]]));
     let entries = PREAMBLE..PREAMBLE + count * ENTRY;
     let mut summed = [&head[..PREAMBLE - 4], &head[entries.clone()]].concat();

@@ -69,7 +69,7 @@ mod tests {
 
     #[test]
     fn every_flip_of_a_bit_is_undone() {
-        let good: Vec<u8> = (0..300u32).map(|i| ((i * i * 7) >> 3) as u8).collect();
+        let good: Vec<u8> = (0..if cfg!(miri) { 20 } else { 300u32 }).map(|i| ((i * i * 7) >> 3) as u8).collect();
         let crc = crc32fast::hash(&good);
         for bit in 0..8 * good.len() {
             let mut bad = good.clone();
@@ -84,14 +84,14 @@ mod tests {
 
     #[test]
     fn any_four_bytes_are_among_the_changes() {
-        let good: Vec<u8> = (0..100).collect();
-        for at in 0..97 {
+        let good: Vec<u8> = (0..if cfg!(miri) { 20 } else { 100 }).collect();
+        for at in 0..good.len() - 3 {
             let mut bad = good.clone();
             bad[at..at + 4].copy_from_slice(&[200, 7, 0xFF, 1]);
             let difference = crc32fast::hash(&good) ^ crc32fast::hash(&bad);
             assert_eq!(one_bit(bad.len(), difference), None);
             let all: Vec<Patch> = patches(bad.len(), difference).collect();
-            assert_eq!(all.len(), 97);
+            assert_eq!(all.len(), good.len() - 3);
             // Each of them gives the checksum, one of them the bytes.
             for patch in &all {
                 let mut mended = bad.clone();

@@ -108,6 +108,7 @@ mod tests {
     }
 
     #[test]
+    #[cfg_attr(miri, ignore = "whole tables of MERL's size")]
     fn bytes_survive_reading_and_writing() {
         for phi_d in [180, 360] {
             let bytes = bytes_of([90, 90, phi_d], 90 * 90 * phi_d as usize * 3);
@@ -124,6 +125,7 @@ mod tests {
     }
 
     #[test]
+    #[cfg_attr(miri, ignore = "whole tables of MERL's size")]
     fn wrong_dimensions_and_lengths_are_refused() {
         let n = 90 * 90 * 180 * 3;
         // The product alone would pass.

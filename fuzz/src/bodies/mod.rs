@@ -9,10 +9,13 @@ pub mod encode;
 pub mod eval;
 pub mod file;
 pub mod golden;
+#[cfg(feature = "cli")]
+pub mod manifest;
 pub mod merl;
 pub mod open;
 #[cfg(feature = "cli")]
 pub mod prune;
+pub mod salvage;
 #[cfg(feature = "cli")]
 pub mod samples;
 pub mod seal;
@@ -31,6 +34,7 @@ pub const ALL: &[(&str, Body)] = &[
     ("file", file::run),
     ("eval", eval::run),
     ("stale", stale::run),
+    ("salvage", salvage::run),
     #[cfg(feature = "cli")]
     ("prune", prune::run),
     ("trace", trace::run),
@@ -41,6 +45,8 @@ pub const ALL: &[(&str, Body)] = &[
     ("samples", samples::run),
     #[cfg(feature = "cli")]
     ("args", args::run),
+    #[cfg(feature = "cli")]
+    ("manifest", manifest::run),
     ("capi", capi::run),
 ];
 

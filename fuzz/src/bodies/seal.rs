@@ -13,7 +13,7 @@ pub fn sealed(file: &[u8]) -> Cow<'_, [u8]> {
 }
 
 /// `None` if the file has no sections.
-fn seal(file: &[u8]) -> Option<Vec<u8>> {
+pub fn seal(file: &[u8]) -> Option<Vec<u8>> {
     let mut file = seal_sections(file)?;
     // Records are found by the index, which must be right for that.
     if let Ok(reader) = Reader::open(&file[..]) {

@@ -9,5 +9,19 @@
 //! these in a single file as well, and leave it readable alone. So nothing is shared here.
 
 pub mod check;
+mod entry;
 pub mod manifest;
 pub mod table;
+
+use std::path::Path;
+
+use crate::failure::Failure;
+use manifest::{Manifest, Refused};
+
+/// Reads the manifest that a file holds.
+fn read(path: &Path, bytes: &[u8]) -> Result<Manifest, Failure> {
+    Manifest::read(bytes).map_err(|refused| match refused {
+        Refused::Bad(what) => Failure::bad_input(path, what),
+        Refused::Unsupported(what) => Failure::unsupported(path, what),
+    })
+}

@@ -27,7 +27,7 @@ pub fn run(path: &Path, bytes: &[u8], originals: Option<&Path>, tell: &mut Tell)
         let what = "is not a folder; for a manifest --against takes the folder of the tables";
         return Err(Failure::operation(format!("{}: {what}", folder.display())));
     }
-    let manifest = Manifest::read(path, bytes)?;
+    let manifest = super::read(path, bytes)?;
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),

@@ -6,24 +6,28 @@ use std::collections::HashSet;
 use std::io::Write;
 use std::path::{Component, Path};
 
-use csbrdf::decode::Reader;
-use csbrdf::encode::Encoded;
-use csbrdf::encode::contract::{Contract, Figures};
-use csbrdf::format::metadata::Metadata;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use sha2::{Digest, Sha256};
-
-use crate::encode::hex;
-use crate::failure::Failure;
-use crate::output::Target;
 
 /// Its name in the folder of the files.
 pub const NAME: &str = "manifest.json";
 const FORMAT: &str = "csbrdf-manifest";
 const VERSION: u64 = 1;
 /// Most bytes of a manifest: some 100,000 materials.
-const LIMIT: usize = 1 << 26;
+pub const LIMIT: usize = 1 << 26;
+/// Most memory that its JSON may take.
+const MEMORY: usize = 1 << 29;
+/// Most characters of a reason to refuse one, which may cite it.
+const REASON: usize = 300;
+
+/// Why a manifest is not read.
+#[derive(Debug)]
+pub enum Refused {
+    /// It is damaged, or none.
+    Bad(String),
+    /// It is of another version, or too large.
+    Unsupported(String),
+}
 
 /// A set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -84,64 +88,17 @@ pub struct Kept {
     pub achieved: f64,
 }
 
-impl Kept {
-    /// A contract and what the file says of it.
-    pub fn of(contract: Contract, encoded: &Encoded) -> csbrdf::Result<Kept> {
-        let stated = Reader::open(&encoded.bytes[..])?.metadata()?.encoder.unwrap_or_default();
-        let report = &encoded.report;
-        let figures = Figures {
-            bytes: encoded.bytes.len() as u64,
-            entries: report.entries,
-            log_rms: report.log_rms,
-            log_max: report.log_max,
-            psnr: stated["contract"]["achieved"].as_f64(),
-        };
-        Ok(Kept { name: contract.name().into(), asked: contract.asked(), achieved: contract.figure(&figures) })
-    }
-}
-
 impl Material {
-    /// The entry of a file that was just made of an input with this hash, whatever the metadata say of their source.
-    pub fn new(
-        (input, source_sha256): (&Path, String),
-        target: &Target,
-        metadata: Metadata,
-        contract: Option<Kept>,
-        encoded: &Encoded,
-    ) -> Material {
-        let text = |part: Option<&std::ffi::OsStr>| part.map_or(String::new(), |p| p.to_string_lossy().into_owned());
-        let (bytes, report) = (&encoded.bytes, &encoded.report);
-        let name = metadata.name.unwrap_or_else(|| text(input.file_stem()));
-        let rest = Metadata {
-            name: None,
-            source_file: metadata.source_file.filter(|name| *name != text(input.file_name())),
-            source_sha256: metadata.source_sha256.filter(|hash| *hash != source_sha256),
-            tool: None,
-            encoder: None,
-            ..metadata
-        };
-        Material {
-            name,
-            file: match target {
-                Target::File(path) => text(path.file_name()),
-                Target::Stdout => String::new(),
-            },
-            bytes: bytes.len() as u64,
-            sha256: hex(&Sha256::digest(bytes)),
-            source_file: text(input.file_name()),
-            source_sha256,
-            entries: report.entries as u64,
-            valid: report.valid as u64,
-            sampled: report.sampled as u64,
-            step: report.step,
-            log_rms: report.log_rms,
-            log_max: report.log_max,
-            contract,
-            metadata: match serde_json::to_value(rest) {
-                Ok(Value::Object(map)) => map,
-                _ => Map::new(),
-            },
+    /// Why it cannot be one, if it cannot.
+    fn check(&self) -> Result<(), String> {
+        if let Some(name) = [&self.file, &self.source_file].into_iter().find(|name| !is_plain(name)) {
+            return Err(format!("{name:?} is not the name of a file in one folder"));
         }
+        let is_hash = |text: &str| text.len() == 64 && text.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f'));
+        if let Some(hash) = [&self.sha256, &self.source_sha256].into_iter().find(|hash| !is_hash(hash)) {
+            return Err(format!("{:?} is no SHA-256 in lower-case hexadecimal digits", hash.get(..80).unwrap_or(hash)));
+        }
+        Ok(())
     }
 
     /// Bytes of the table in float64 over those of the file.
@@ -179,35 +136,66 @@ impl Manifest {
     }
 
     /// Reads one. File names in it are names without folders, and no file is there twice.
-    pub fn read(path: &Path, bytes: &[u8]) -> Result<Manifest, Failure> {
-        let bad = |what: String| Failure::bad_input(path, what);
+    pub fn read(bytes: &[u8]) -> Result<Manifest, Refused> {
         if bytes.len() > LIMIT {
-            return Err(Failure::unsupported(path, format!("a manifest has at most {LIMIT} bytes")));
+            return Err(Refused::unsupported(format!("a manifest has at most {LIMIT} bytes")));
         }
         // What it is before what it says: another version may say it in another way.
-        let value: Value =
-            serde_json::from_slice(bytes).map_err(|e| bad(format!("is damaged, or no manifest: {e}")))?;
-        if value["format"] != FORMAT {
-            return Err(bad(format!("is no manifest of csbrdf files: \"format\" is not \"{FORMAT}\"")));
+        let head: Head = match serde_json::from_slice(bytes) {
+            Ok(head) if Manifest::is_likely(bytes) => head,
+            Ok(_) => return Err(Refused::bad("is no manifest of csbrdf files".into())),
+            Err(e) => return Err(Refused::bad(format!("is damaged, or no manifest of csbrdf files: {e}"))),
+        };
+        if head.format != FORMAT {
+            return Err(Refused::bad(format!("is no manifest of csbrdf files: \"format\" is not \"{FORMAT}\"")));
         }
-        if value["version"] != VERSION {
-            let what = format!("manifest version {}, this build reads {VERSION}; update csbrdf", value["version"]);
-            return Err(Failure::unsupported(path, what));
+        if head.version != VERSION {
+            let what = format!("manifest version {}, this build reads {VERSION}; update csbrdf", head.version);
+            return Err(Refused::unsupported(what));
         }
-        let manifest: Manifest = serde_json::from_value(value).map_err(|e| bad(format!("damaged manifest: {e}")))?;
+        if memory(bytes) > MEMORY {
+            return Err(Refused::unsupported("it holds more objects and values than a manifest may".into()));
+        }
+        let manifest: Manifest =
+            serde_json::from_slice(bytes).map_err(|e| Refused::bad(format!("damaged manifest: {e}")))?;
         let mut files = HashSet::new();
         for material in &manifest.materials {
-            for name in [&material.file, &material.source_file] {
-                if !is_plain(name) {
-                    return Err(bad(format!("{name:?} is not the name of a file in one folder")));
-                }
-            }
+            material.check().map_err(Refused::bad)?;
             if !files.insert(&material.file) {
-                return Err(bad(format!("{:?} is listed twice", material.file)));
+                return Err(Refused::bad(format!("{:?} is listed twice", material.file)));
             }
         }
         Ok(manifest)
     }
+}
+
+/// What tells whether the rest can be read.
+#[derive(Deserialize)]
+struct Head {
+    format: String,
+    version: u64,
+}
+
+impl Refused {
+    fn bad(what: String) -> Refused {
+        Refused::Bad(what.chars().take(REASON).collect())
+    }
+
+    fn unsupported(what: String) -> Refused {
+        Refused::Unsupported(what.chars().take(REASON).collect())
+    }
+}
+
+/// About the most that JSON takes in memory once it is read: an object has room for eleven keys from the first on, a list doubles when
+/// it is full.
+fn memory(text: &[u8]) -> usize {
+    let of = |byte: &u8| match byte {
+        b'{' => 640,
+        b'[' => 128,
+        b',' => 64,
+        _ => 1,
+    };
+    text.iter().map(of).sum()
 }
 
 /// Whether text names a file in a folder, not one elsewhere.
@@ -229,8 +217,11 @@ mod tests {
 
     #[test]
     fn what_is_no_manifest_is_told() {
-        let path = Path::new("m.json");
-        let read = |text: &str| Manifest::read(path, text.as_bytes()).map_err(|f| f.code());
+        let read = |text: &str| match Manifest::read(text.as_bytes()) {
+            Ok(manifest) => Ok(manifest),
+            Err(Refused::Bad(_)) => Err(3),
+            Err(Refused::Unsupported(_)) => Err(4),
+        };
         let head = r#""format": "csbrdf-manifest", "tool": "t""#;
         assert_eq!(read(&format!("{{{head}, \"version\": 1, \"materials\": [], \"new\": 3}}")).unwrap().materials, []);
         assert_eq!(read(&format!("{{{head}, \"version\": 2, \"materials\": 7}}")), Err(4));
@@ -238,6 +229,21 @@ mod tests {
         {
             assert_eq!(read(text), Err(3), "{text}");
         }
+        // Bytes that are no text, and JSON that is deep.
+        for text in [&b"{\"format\": \"\xFF\"}"[..], &[&b"{\"a\":"[..], &[b'['; 100_000]].concat()] {
+            assert!(matches!(Manifest::read(text), Err(Refused::Bad(_))));
+        }
+        let material = r#"{"name":"","file":"a","bytes":0,"sha256":"H","source_file":"b","source_sha256":"H","entries":0,
+            "valid":0,"sampled":0,"step":1,"log_rms":0,"log_max":0,"metadata":{"a":V}}"#;
+        let material = material.replace('H', &"0".repeat(64));
+        let with =
+            |value: &str| format!("{{{head}, \"version\": 1, \"materials\": [{}]}}", material.replace('V', value));
+        assert!(read(&with("[]")).is_ok());
+        assert_eq!(read(&with(&["[".repeat(1000), "]".repeat(1000)].concat())), Err(3));
+        // A twentieth of the largest manifest, but a hundred times that in memory.
+        assert_eq!(read(&with(&format!("[{}0]", "{\"\":0},".repeat(1 << 20)))), Err(4));
+        let long = format!("{{{head}, \"version\": \"{}\"}}", "1".repeat(1 << 20));
+        assert!(matches!(Manifest::read(long.as_bytes()), Err(Refused::Bad(what)) if what.len() < 1000));
         assert!(Manifest::is_likely(b" \n{}") && !Manifest::is_likely(b"") && !Manifest::is_likely(b"CSBRDF{"));
     }
 }

@@ -10,9 +10,12 @@ use crate::input::label;
 use crate::output;
 use crate::text::{clean, error_figure, grouped};
 
+/// Widest column of names; longer ones move the rest of their row.
+const WIDEST: usize = 60;
+
 /// Prints a manifest: a table, or with --json the object itself on one line.
 pub fn print(path: &Path, bytes: &[u8], args: &InfoArgs, apart: bool) -> Outcome {
-    let manifest = Manifest::read(path, bytes)?;
+    let manifest = super::read(path, bytes)?;
     if args.blocks {
         return Err(Failure::usage("--blocks is of one file; a manifest has none, name the .csbrdf file"));
     }
@@ -30,7 +33,7 @@ fn text(path: &Path, manifest: &Manifest) -> String {
     let _ = writeln!(text, "{:<12} {}", "manifest", clean(&label(path)));
     let _ = writeln!(text, "{:<12} {}\n", "tool", clean(&manifest.tool));
     let names: Vec<String> = manifest.materials.iter().map(|m| clean(&m.name)).collect();
-    let width = names.iter().map(|name| name.chars().count()).max().unwrap_or(0).max(8);
+    let width = names.iter().map(|name| name.chars().count()).max().unwrap_or(0).clamp(8, WIDEST);
     let _ = writeln!(text, "{:width$} {:>13} {:>10} {:>9} {:>9}", "material", "bytes", "ratio", "log rms", "max");
     for (name, m) in names.iter().zip(&manifest.materials) {
         let contract = m.contract.as_ref().map_or(String::new(), |kept| {

@@ -1,0 +1,75 @@
+//! The entry of a file in the manifest, from what the encoder says of it.
+
+use std::path::Path;
+
+use csbrdf::decode::Reader;
+use csbrdf::encode::Encoded;
+use csbrdf::encode::contract::{Contract, Figures};
+use csbrdf::format::metadata::Metadata;
+use serde_json::{Map, Value};
+use sha2::{Digest, Sha256};
+
+use super::manifest::{Kept, Material};
+use crate::encode::hex;
+use crate::output::Target;
+
+impl Kept {
+    /// A contract and what the file says of it.
+    pub fn of(contract: Contract, encoded: &Encoded) -> csbrdf::Result<Kept> {
+        let stated = Reader::open(&encoded.bytes[..])?.metadata()?.encoder.unwrap_or_default();
+        let report = &encoded.report;
+        let figures = Figures {
+            bytes: encoded.bytes.len() as u64,
+            entries: report.entries,
+            log_rms: report.log_rms,
+            log_max: report.log_max,
+            psnr: stated["contract"]["achieved"].as_f64(),
+        };
+        Ok(Kept { name: contract.name().into(), asked: contract.asked(), achieved: contract.figure(&figures) })
+    }
+}
+
+impl Material {
+    /// The entry of a file that was just made of an input with this hash, whatever the metadata say of their source.
+    pub fn new(
+        (input, source_sha256): (&Path, String),
+        target: &Target,
+        metadata: Metadata,
+        contract: Option<Kept>,
+        encoded: &Encoded,
+    ) -> Material {
+        let text = |part: Option<&std::ffi::OsStr>| part.map_or(String::new(), |p| p.to_string_lossy().into_owned());
+        let (bytes, report) = (&encoded.bytes, &encoded.report);
+        let name = metadata.name.unwrap_or_else(|| text(input.file_stem()));
+        let rest = Metadata {
+            name: None,
+            source_file: metadata.source_file.filter(|name| *name != text(input.file_name())),
+            source_sha256: metadata.source_sha256.filter(|hash| *hash != source_sha256),
+            tool: None,
+            encoder: None,
+            ..metadata
+        };
+        Material {
+            name,
+            file: match target {
+                Target::File(path) => text(path.file_name()),
+                Target::Stdout => String::new(),
+            },
+            bytes: bytes.len() as u64,
+            sha256: hex(&Sha256::digest(bytes)),
+            source_file: text(input.file_name()),
+            source_sha256,
+            entries: report.entries as u64,
+            valid: report.valid as u64,
+            sampled: report.sampled as u64,
+            step: report.step,
+            log_rms: report.log_rms,
+            log_max: report.log_max,
+            contract,
+            metadata: match serde_json::to_value(rest) {
+                Ok(Value::Object(map)) => map,
+                _ => Map::new(),
+            },
+        }
+    }
+}
