@@ -30,7 +30,7 @@ pub(super) struct Remains {
     pub(super) class: ValidityClass,
     /// Valid entries of what is kept, times this, are those of the record; infinite if none are left.
     pub(super) valid_before: f64,
-    /// Rms error gained, log domain.
+    /// Rms error gained over the valid entries at most, log domain.
     pub(super) lost: f64,
     /// As in [`Scratch`].
     masks: Vec<bool>,
@@ -96,7 +96,13 @@ impl<'a> Recoder<'a> {
         }
         let values = remains.coefficients.len() as f64;
         let lost = drop_finest(target, block, &mut remains.coefficients, *detail * *detail * values);
-        remains.lost = (lost / values).sqrt();
+        if lost > 0.0 {
+            // All of it may be lost where something was measured, of which errors are told.
+            let masks = source.masks_of(block, scratch);
+            let masks = selection.map_or_else(|| masks.clone(), |selection| selection.of_channels(&masks, n));
+            let valid = masks.iter().filter(|valid| **valid).count();
+            remains.lost = (lost / valid.max(1) as f64).sqrt();
+        }
         Ok(remains)
     }
 
