@@ -5,7 +5,7 @@
 #
 # wasm          golden files and look-ups as a WebAssembly module: tools/wasm.sh
 # threads       tests/threads.rs under the thread sanitizer, the standard library included (nightly, rust-src)
-# miri          unit tests of the decoder under Miri: a block of each golden file, the smallest as a whole, both levels of vector
+# miri          unit tests of the decoder under Miri: a small block, the smallest golden files as a whole, both levels of vector
 #               instructions; not the map of a file, which Miri cannot make (nightly, miri; a quarter of an hour)
 # rust-version  everything compiles with the oldest Rust that Cargo.toml names
 # advisories    no crate with a licence or from a place that deny.toml does not allow, none that was yanked, and none with an advisory
@@ -50,14 +50,14 @@ for check in "$@"; do
         command -v cargo-deny >/dev/null || { skip advisories "no cargo-deny (cargo install cargo-deny --locked)"; continue; }
         manifests=(Cargo.toml tools/capi/Cargo.toml tools/python/Cargo.toml fuzz/Cargo.toml)
         for manifest in "${manifests[@]}"; do
-            cargo deny --locked --manifest-path "$manifest" check --config "$PWD/deny.toml" bans licenses sources
+            cargo deny --locked --manifest-path "$manifest" --config "$PWD/deny.toml" check bans licenses sources
         done
         # What cargo says when it packs the crate.
         yanked=$(cargo package --locked --allow-dirty --no-verify --target-dir "$target/package" 2>&1)
         if grep -i yanked <<<"$yanked"; then exit 1; fi
-        cargo deny --locked --manifest-path Cargo.toml fetch db || { skip advisories "no list of them"; continue; }
+        cargo deny --locked --config "$PWD/deny.toml" fetch db || { skip advisories "no list of them"; continue; }
         for manifest in "${manifests[@]}"; do
-            cargo deny --locked --manifest-path "$manifest" check --config "$PWD/deny.toml" advisories
+            cargo deny --locked --manifest-path "$manifest" --config "$PWD/deny.toml" check advisories
         done
         ;;
     *) echo "no check of the name $check" >&2; exit 2 ;;
