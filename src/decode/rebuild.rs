@@ -273,8 +273,8 @@ impl Header {
             let mut zeros = &scratch.zeros[..];
             for row in rows.iter_mut().filter(|_| !scratch.zeros.is_empty()) {
                 let (here, rest) = zeros.split_at(row.len());
-                if here.contains(&true) {
-                    row.iter_mut().zip(here).filter(|(_, zero)| **zero).for_each(|(value, _)| *value = 0.0);
+                for (value, zero) in row.iter_mut().zip(here) {
+                    *value = if *zero { 0.0 } else { *value };
                 }
                 zeros = rest;
             }
