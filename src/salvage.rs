@@ -190,9 +190,9 @@ pub fn salvage_with_limits(data: &[u8], limits: Limits) -> Result<Salvaged> {
     };
 
     // Metadata, if they are intact.
-    if let Some(section) = head.section(directory::METADATA)
-        && let Some(mended) = head.take(directory::METADATA, &mut damage)
-    {
+    let mended = head.section(directory::METADATA);
+    let mended = mended.and_then(|section| Some((section, head.take(directory::METADATA, &mut damage)?)));
+    if let Some((section, mended)) = mended {
         if mended.sound {
             image.push(section, &mended.bytes);
         } else {
@@ -210,10 +210,9 @@ pub fn salvage_with_limits(data: &[u8], limits: Limits) -> Result<Salvaged> {
         });
     let start = image.bytes.len();
     image.push(&records, &kept);
-    if let Some(section) = head.section(directory::EXACT).filter(|_| compact)
-        && let Some(bytes) = exact::take(data, section, blocks, components, &lost, &mut damage)
-    {
-        image.push(section, &bytes);
+    if let Some(section) = head.section(directory::EXACT).filter(|_| compact) {
+        let bytes = exact::take(data, section, blocks, components, &lost, &mut damage);
+        bytes.into_iter().for_each(|bytes| image.push(section, &bytes));
     }
     check_others(data, &head, &mut damage);
     let index = Index::of(&entries, start, components);

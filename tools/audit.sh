@@ -7,7 +7,7 @@
 # threads       tests/threads.rs under the thread sanitizer, the standard library included (nightly, rust-src)
 # miri          unit tests of the decoder under Miri: a small block, the smallest golden files as a whole, both levels of vector
 #               instructions; not the map of a file, which Miri cannot make (nightly, miri; a quarter of an hour)
-# rust-version  everything compiles with the oldest Rust that Cargo.toml names
+# rust-version  everything compiles with the oldest Rust that Cargo.toml names, the decoder alone with an older one
 # advisories    no crate with a licence or from a place that deny.toml does not allow, none that was yanked, and none with an advisory
 #               against it, where the list of these can be had (cargo-deny)
 #
@@ -45,6 +45,9 @@ for check in "$@"; do
         for manifest in Cargo.toml tools/capi/Cargo.toml; do
             CARGO_TARGET_DIR=$target/oldest cargo "+$oldest" check --locked --manifest-path "$manifest" --all-targets
         done
+        # The decoder alone does with what Debian has for tools/cross.sh, 1.85, and one release more on x86-64.
+        rustup toolchain install 1.86 --profile minimal >/dev/null 2>&1 || { skip rust-version "no Rust 1.86"; continue; }
+        CARGO_TARGET_DIR=$target/oldest cargo +1.86 check --locked --ignore-rust-version --no-default-features --lib --test golden
         ;;
     advisories)
         command -v cargo-deny >/dev/null || { skip advisories "no cargo-deny (cargo install cargo-deny --locked)"; continue; }

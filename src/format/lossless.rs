@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::bits::ByteReader;
+use crate::bits::{ByteReader, read_uint};
 use crate::error::{Error, Result};
 use crate::format::directory::{self, Section, check_crc};
 use crate::format::record::checksum;
@@ -32,8 +32,7 @@ impl ExactIndex {
             return Err(r.corrupt(format!("{count} blocks, the partition has {blocks}")));
         }
         // Bits of entries that are not valid, a channel each.
-        let (missing, _) = r.bytes(8 * channels)?.as_chunks();
-        let missing = missing.iter().map(|bits| u64::from_le_bytes(*bits)).collect();
+        let missing = (0..channels).map(|_| r.u64()).collect::<Result<_>>()?;
         // Length of each block's part.
         let lengths = r.bytes(blocks.saturating_mul(4))?;
         // CRC-32 of the section up to here.
@@ -42,8 +41,8 @@ impl ExactIndex {
         let mut offsets = Vec::with_capacity(blocks + 1);
         let mut at = r.offset();
         offsets.push(at as usize);
-        for length in lengths.as_chunks().0 {
-            let length = u32::from_le_bytes(*length);
+        for length in lengths.chunks_exact(4) {
+            let length = read_uint(length, 4);
             at += u64::from(length);
             if (length as usize) < CRC || at > section.range.end as u64 {
                 return Err(r.corrupt(format!("the part of block {} has {length} bytes", offsets.len() - 1)));
