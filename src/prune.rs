@@ -128,7 +128,7 @@ impl<D: AsRef<[u8]>> Job<'_, D> {
         let Job { reader, .. } = self;
         let mut header = selection.header(reader.header())?;
         let mut counter = Counter::new(contexts(header.coding.quantization));
-        let mut recoder = Recoder::new(reader.header(), &header, self.selection, self.detail);
+        let mut recoder = Recoder::new(reader.header(), &header, Some(selection), self.detail);
         for block in 0..reader.block_count() {
             let record = reader.record(block)?;
             if self.keeps(block) && !record.class.is_mean_only() {
