@@ -163,10 +163,10 @@ impl Grid {
                 ));
             }
             if !(channel.scale.is_finite() && channel.scale > 0.0) {
-                return bad(format!("channel {} has scale {}, must be positive", channel.name, channel.scale));
+                return bad(format!("channel {:?} has scale {}, must be positive", channel.name, channel.scale));
             }
             if channel.wavelength.is_some_and(|w| !(w.is_finite() && w > 0.0)) {
-                return bad(format!("channel {} has a wavelength that is not positive", channel.name));
+                return bad(format!("channel {:?} has a wavelength that is not positive", channel.name));
             }
         }
         Ok(Grid { axes, channels })

@@ -28,7 +28,7 @@ impl Selection {
         }
         if let Some(pair) = sorted.windows(2).find(|pair| pair[0] == pair[1]) {
             let name = &header.grid.channels()[pair[0]].name;
-            return bad(format!("channel {} ({name}) is named twice", pair[0]));
+            return bad(format!("channel {} ({name:?}) is named twice", pair[0]));
         }
         if sorted.len() == count {
             return Ok(None);
@@ -246,7 +246,7 @@ mod tests {
         let refused = |channels: &[usize]| Pruner::new().channels(channels).prune(&reader).unwrap_err().to_string();
         assert!(refused(&[]).contains("at least"));
         assert!(refused(&[0, 3]).contains("channel 3 does not exist, the file has 3"));
-        assert!(refused(&[1, 0, 1]).contains("channel 1 (c1) is named twice"));
+        assert!(refused(&[1, 0, 1]).contains("channel 1 (\"c1\") is named twice"));
         // All of them: nothing is left out.
         assert_eq!(Pruner::new().channels(&[2, 0, 1]).prune(&reader).unwrap(), Pruner::new().prune(&reader).unwrap());
     }

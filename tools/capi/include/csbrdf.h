@@ -377,7 +377,8 @@ csbrdf_status csbrdf_grid_axis(const csbrdf_brdf *brdf,
  * Name of a channel in UTF-8, such as "R": at most `size` bytes with the terminating NUL go to `name`, cut between
  * characters; `*wavelength` becomes its centre in nanometres, 0 for broad-band channels such as R, G, B.
  *
- * `wavelength` may be NULL, and so may `name` if `size` is 0. 256 bytes are enough for every name.
+ * `wavelength` may be NULL, and so may `name` if `size` is 0. 256 bytes are enough for every name. The format allows any
+ * character in a name: to C, one with a NUL within ends there.
  */
 csbrdf_status csbrdf_channel(const csbrdf_brdf *brdf,
                              size_t channel,

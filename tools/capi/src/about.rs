@@ -78,7 +78,8 @@ pub unsafe extern "C" fn csbrdf_grid_axis(
 /// Name of a channel in UTF-8, such as "R": at most `size` bytes with the terminating NUL go to `name`, cut between
 /// characters; `*wavelength` becomes its centre in nanometres, 0 for broad-band channels such as R, G, B.
 ///
-/// `wavelength` may be NULL, and so may `name` if `size` is 0. 256 bytes are enough for every name.
+/// `wavelength` may be NULL, and so may `name` if `size` is 0. 256 bytes are enough for every name. The format allows any
+/// character in a name: to C, one with a NUL within ends there.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn csbrdf_channel(
     brdf: *const csbrdf_brdf,

@@ -64,8 +64,13 @@ pub fn guard(body: impl FnOnce() -> Outcome) -> csbrdf_status {
         Err(payload) => Failure { status: CSBRDF_PANIC, message: panic_message(&*payload) },
     };
     // A thread that is about to end may have no place for it any more.
-    let _ = LAST_ERROR.try_with(|last| last.replace(failure.message));
+    let _ = LAST_ERROR.try_with(|last| last.replace(without_nul(failure.message)));
     failure.status
+}
+
+/// What the message quotes from a file or a path must not end it early.
+fn without_nul(message: String) -> String {
+    if message.contains('\0') { message.replace('\0', "\u{FFFD}") } else { message }
 }
 
 fn panic_message(payload: &(dyn Any + Send)) -> String {
@@ -232,6 +237,13 @@ mod tests {
         assert_eq!(unsafe { last_error(std::ptr::null_mut(), 9) }, 6);
         assert_eq!(guard(|| Ok(())), CSBRDF_OK);
         assert_eq!(message(0).0, 6, "a call that succeeds leaves the message");
+    }
+
+    #[test]
+    fn no_message_holds_a_nul_within() {
+        assert_eq!(guard(|| Err(invalid("channel \0R"))), CSBRDF_INVALID_ARGUMENT);
+        let (needed, bytes) = message(200);
+        assert_eq!(&bytes[..=needed], "channel \u{FFFD}R\0".as_bytes());
     }
 
     #[test]
