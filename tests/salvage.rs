@@ -270,7 +270,7 @@ fn exact_values_are_lost_block_by_block() {
     check_repair(good, &good[..exact.end - exact.len() / 2]);
 }
 
-/// Old files: values as far as they go, but no new file if blocks are lost.
+/// Old files: values as far as they go, but no new file if blocks are lost. Metadata alone cost nothing else in any.
 #[test]
 fn files_of_old_drafts_are_salvaged() {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/v1");
@@ -295,6 +295,11 @@ fn files_of_old_drafts_are_salvaged() {
         }
         assert_eq!(repair(&bad, Limits::default()).is_ok(), draft == 0 || draft > 3, "{}", path.display());
         assert!(repair(&good, Limits::default()).unwrap().bytes == good, "{}", path.display());
+        let mut bad = good.clone();
+        bad[section(&good, "META")][..3].fill(0xFF);
+        if !pruned {
+            assert!(check_repair(&good, &bad).is_empty(), "{}", path.display());
+        }
     }
     assert!([0, 1, 3, 5].iter().all(|draft| drafts.contains(draft)), "{drafts:?}");
 }

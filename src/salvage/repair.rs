@@ -41,7 +41,8 @@ pub fn repair(data: &[u8], limits: Limits) -> Result<Repaired> {
         let bytes = match &name[..] {
             directory::SPARE => None,
             directory::INDEX => match reader.section(directory::INDEX)? {
-                Some(bytes) if whole => Some(bytes),
+                // Also what other drafts have in its place.
+                Some(bytes) if salvaged.lost().is_empty() => Some(bytes),
                 _ => Some(index(reader)),
             },
             directory::METADATA if !whole => None,
