@@ -25,7 +25,7 @@ for target in "${targets[@]}"; do
     printf '%-8s' "$target"
     log=$(mktemp)
     cargo fuzz run "${build[@]}" "$target" -- -max_total_time="$seconds" -max_len="${longest[$target]:-16384}" \
-        -rss_limit_mb=2048 -timeout=30 -print_final_stats=1 >"$log" 2>&1 || { tail -n 40 "$log"; exit 1; }
+        -rss_limit_mb=2048 -timeout=30 -print_final_stats=1 -seed="${FUZZ_SEED:-0}" >"$log" 2>&1 || { tail -n 40 "$log"; exit 1; }
     sed -n 's/^stat::number_of_executed_units: */ inputs /p; s/^stat::slowest_unit_time_sec: */ slowest, s /p' "$log" |
         tr -d '\n'
     grep -oE ' cov: [0-9]+' "$log" | tail -n 1

@@ -1,13 +1,15 @@
 #!/usr/bin/env bash
 # What takes longer than `.ci/run` may, or needs other compilers: run before a release.
 #
-#     tools/audit.sh [wasm] [threads] [miri] [rust-version] [advisories]     # all of them without arguments
+#     tools/audit.sh [wasm] [threads] [addresses] [miri] [rust-version] [benches] [advisories]     # all of them without arguments
 #
 # wasm          golden files and look-ups as a WebAssembly module: tools/wasm.sh
 # threads       tests/threads.rs under the thread sanitizer, the standard library included (nightly, rust-src)
+# addresses     every fuzz target for a minute under the address sanitizer
 # miri          unit tests of the decoder under Miri: a small block, the smallest golden files as a whole, both levels of vector
 #               instructions; not the map of a file, which Miri cannot make (nightly, miri; a quarter of an hour)
 # rust-version  everything compiles with the oldest Rust that Cargo.toml names, the decoder alone with an older one
+# benches       tools/bench, which has a criterion that nothing else needs, runs
 # advisories    no crate with a licence or from a place that deny.toml does not allow, none that was yanked, and none with an advisory
 #               against it, where the list of these can be had (cargo-deny)
 #
@@ -17,7 +19,7 @@ cd "$(dirname "$0")/.."
 export CARGO_TERM_COLOR=never CARGO_INCREMENTAL=0 PROPTEST_FAILURE_PERSISTENCE=off
 host=$(rustc -vV | sed -n 's/^host: //p')
 target=$(realpath -m "${CARGO_TARGET_DIR:-target}")/audit
-[ $# -gt 0 ] || set -- wasm threads miri rust-version advisories
+[ $# -gt 0 ] || set -- wasm threads addresses miri rust-version benches advisories
 skip() { echo "SKIPPED: $1: $2" >&2; }
 component() { rustup component add --toolchain nightly "$@" >/dev/null 2>&1; }
 
@@ -30,6 +32,7 @@ for check in "$@"; do
         RUSTFLAGS=-Zsanitizer=thread CARGO_TARGET_DIR=$target/threads cargo +nightly test -Zbuild-std --target "$host" --locked \
             --no-default-features --features mmap --test threads
         ;;
+    addresses) SANITIZER=address fuzz/run.sh 60 ;;
     miri)
         component miri rust-src || { skip miri "no nightly with miri"; continue; }
         # Miri errs in the system's functions on purpose; the tests compare with them.
@@ -49,9 +52,13 @@ for check in "$@"; do
         rustup toolchain install 1.86 --profile minimal >/dev/null 2>&1 || { skip rust-version "no Rust 1.86"; continue; }
         CARGO_TARGET_DIR=$target/oldest cargo +1.86 check --locked --ignore-rust-version --no-default-features --lib --test golden
         ;;
+    benches)
+        cargo clippy --locked --manifest-path tools/bench/Cargo.toml --target-dir "$target/benches" --all-targets -- -D warnings
+        cargo bench --locked --manifest-path tools/bench/Cargo.toml --target-dir "$target/benches" -- --test
+        ;;
     advisories)
         command -v cargo-deny >/dev/null || { skip advisories "no cargo-deny (cargo install cargo-deny --locked)"; continue; }
-        manifests=(Cargo.toml tools/capi/Cargo.toml tools/python/Cargo.toml fuzz/Cargo.toml)
+        manifests=(Cargo.toml tools/capi/Cargo.toml tools/python/Cargo.toml tools/bench/Cargo.toml fuzz/Cargo.toml)
         for manifest in "${manifests[@]}"; do
             cargo deny --locked --manifest-path "$manifest" --config "$PWD/deny.toml" check bans licenses sources
         done

@@ -16,7 +16,7 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
     /// # Errors
     /// `Corrupt` if a record is damaged, `LimitExceeded` if the table is above the caller's limit.
     pub fn decode_all(&self) -> Result<Vec<f32>> {
-        let mut values = vec![0f32; self.check_table_size()?];
+        let mut values = zeroed(self.check_table_size()?);
         self.decode_all_into(&mut values)?;
         Ok(values)
     }
@@ -48,8 +48,7 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
     /// As [`Reader::decode_all`].
     pub fn decode_table(&self) -> Result<BrdfTable> {
         let size = self.check_table_size()?;
-        let mut values = vec![0f64; size];
-        let mut valid = vec![false; size];
+        let (mut values, mut valid) = (zeroed(size), vec![false; size]);
         let eps = self.header.coding.eps;
         let decode = |scratch: &mut Scratch, block| {
             let place = self.decode_log(block, scratch)?;
@@ -134,6 +133,15 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
         }
         damage
     }
+}
+
+/// Memory for a whole table.
+fn zeroed<T: Copy + Default>(size: usize) -> Vec<T> {
+    #[allow(unused_mut)]
+    let mut values = vec![T::default(); size];
+    #[cfg(feature = "mmap")]
+    crate::map::ask_for_large_pages(&mut values);
+    values
 }
 
 /// Scratches that threads share, as many as work at one time: rayon would make one anew for each block.

@@ -121,6 +121,15 @@ impl Chain {
 }
 
 impl Index {
+    /// An index of no block yet, with room for so many, or for some where a file may be lying.
+    fn with_room(blocks: usize, start: usize, components: usize) -> Index {
+        let room = blocks.min(1 << 12);
+        let (rms, max) = (Vec::with_capacity(room), Vec::with_capacity(room));
+        let mut offsets = Vec::with_capacity(room + 1);
+        offsets.push(start);
+        Index { offsets, rms, max, means: Vec::with_capacity(room * components.min(16)), components }
+    }
+
     /// The index of drafts from 3 on.
     pub(crate) fn read(
         mut r: ByteReader,
@@ -147,7 +156,7 @@ impl Index {
         let mut chain = Chain::new(components);
         let mut entry = chain.previous.clone();
         let mut end = records.range.start;
-        let mut index = Index { offsets: vec![end], rms: Vec::new(), max: Vec::new(), means: Vec::new(), components };
+        let mut index = Index::with_room(blocks, end, components);
         for (number, positions) in partition.sizes().enumerate() {
             chain.code(&mut decoder, positions, &mut entry);
             end = end.saturating_add(entry.length as usize);
@@ -173,7 +182,7 @@ impl Index {
 
     /// The index of records that begin at an offset of the file.
     pub(crate) fn of(entries: &[Entry], start: usize, components: usize) -> Index {
-        let mut index = Index { offsets: vec![start], rms: Vec::new(), max: Vec::new(), means: Vec::new(), components };
+        let mut index = Index::with_room(entries.len(), start, components);
         let mut end = start;
         for entry in entries {
             end += entry.length as usize;

@@ -1,7 +1,7 @@
-//! The decoder under criterion, beside what a renderer does with the raw table: `cargo bench --bench decode`.
+//! The decoder under criterion, beside what a renderer does with the raw table: `cargo bench` in this folder.
 //!
 //! Of a synthetic material on MERL's grid, with noise and holes; of real ones, where given by name:
-//! `CSBRDF_FILES="a.csbrdf b.csbrdf" cargo bench --bench decode`. The table of `examples/measure` has the same in one line a file.
+//! `CSBRDF_FILES="/PATH/a.csbrdf /PATH/b.csbrdf" cargo bench`. The table of `examples/measure` has the same in one line a file.
 
 use std::hint::black_box;
 
@@ -13,6 +13,7 @@ use csbrdf::grid::Grid;
 use csbrdf::sample::SplitMix64;
 use csbrdf::table::synth::Recipe;
 
+#[path = "../raw/mod.rs"]
 mod raw;
 
 type Failure = Box<dyn std::error::Error>;
