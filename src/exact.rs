@@ -177,9 +177,54 @@ pub(crate) fn exp32(x: f32) -> f32 {
     if x < -86.0 { 0.0 } else { value }
 }
 
+/// Lanes of [`exp32_lanes`]: more gain nothing.
+pub(crate) const LANES: usize = 32;
+
+/// [`exp32`] of each, the same bits. One after the other they would take half as long again: the processor looks ahead some sixty
+/// operations, and in those few can start, since each waits for the one before. Step by step for many, most can.
+#[inline(always)]
+pub(crate) fn exp32_lanes(x: &mut [f32; LANES]) {
+    let (mut rest, mut power, mut sum) = ([0f32; LANES], [0f32; LANES], [0f32; LANES]);
+    for i in 0..LANES {
+        let clamped = x[i].clamp(-86.0, 89.0);
+        power[i] = clamped * std::f32::consts::LOG2_E + ROUND32;
+        let n = power[i] - ROUND32;
+        rest[i] = (clamped - n * LN2_HI32) - n * LN2_LO32;
+    }
+    for i in 0..LANES {
+        let exponent = power[i].to_bits().wrapping_sub(ROUND32.to_bits());
+        let half_power = f32::from_bits(exponent.wrapping_add(126) << 23);
+        power[i] = if x[i] < -86.0 { 0.0 } else { half_power };
+        sum[i] = EXP32[0] * rest[i] + EXP32[1];
+    }
+    for two in EXP32[2..].chunks_exact(2) {
+        for i in 0..LANES {
+            sum[i] = (sum[i] * rest[i] + two[0]) * rest[i] + two[1];
+        }
+    }
+    for i in 0..LANES {
+        x[i] = (sum[i] * power[i] * 2.0).min(f32::MAX);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Also of what is no number, and of every size.
+    #[test]
+    fn lanes_have_the_bits_of_one_at_a_time() {
+        let special = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -86.0, -86.00001, 88.72, 88.73, 89.0, 0.0, -0.0];
+        let range = (-1_000_000..1_000_000).step_by(STEP).map(|i| i as f32 * 1e-4);
+        let arguments: Vec<f32> = special.into_iter().chain(range).collect();
+        for x in arguments.chunks_exact(LANES) {
+            let mut lanes: [f32; LANES] = x.try_into().unwrap();
+            exp32_lanes(&mut lanes);
+            for (x, lane) in x.iter().zip(lanes) {
+                assert_eq!(lane.to_bits(), exp32(*x).to_bits(), "{x}");
+            }
+        }
+    }
 
     /// Miri takes a thousandth of the arguments.
     const STEP: usize = if cfg!(miri) { 997 } else { 1 };

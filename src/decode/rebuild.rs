@@ -23,7 +23,7 @@ use crate::profile::Profile;
 use crate::quantize::{Quantizer, dequantize_mean};
 use crate::range::Decoder;
 use crate::simd::{Level, Task};
-use crate::tone::inverse_tone_map;
+use crate::tone::{inverse_tone_map, inverse_tone_maps};
 use crate::zeros::{self, code_zeros};
 
 /// First contexts of the range coder for coefficients (from 0), masks, zeros, corrections.
@@ -380,7 +380,7 @@ struct InverseToneMap<'a> {
 impl Task for InverseToneMap<'_> {
     #[inline(always)]
     fn run<const FUSED: bool>(self) {
-        self.values.iter_mut().for_each(|value| *value = inverse_tone_map(*value, self.eps));
+        inverse_tone_maps(self.values, self.eps);
     }
 }
 
