@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Builds all targets at once and runs each for so many seconds, or only those that are named:
 #     run.sh SECONDS [TARGET...]
-# SANITIZER=address (here none), as `cargo fuzz` knows it. FUZZ_SEED=N (here any): the same inputs in the same order. DECODER=1 leaves out what encodes and the command line: most of the
-# compiler's time. Says of each how many inputs it ran; fails at the first crash.
+# SANITIZER=address (here none), as `cargo fuzz` knows it. FUZZ_SEED=N (here any): the same inputs in the same order. DECODER=1 leaves
+# out what encodes and the command line: most of the compiler's time. Says of each how many inputs it ran; fails at the first crash.
 set -euo pipefail
 cd "$(dirname "$0")"
 export RUSTC_BOOTSTRAP=1
