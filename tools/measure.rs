@@ -2,7 +2,8 @@
 //!
 //! Per file, in one run: the time to map and open it; open and one random block, nothing shared between repetitions
 //! but the page cache; one random block warm, into a buffer that is kept, per decoded value; the whole table to float32 on one thread and on all, beside
-//! reading a MERL file of that size from the page cache and converting it to float32; `Brdf::eval` for random directions with
+//! reading a MERL file of that size from the page cache and converting it to float32, in turn, with the medians of each turn's ratios, and what
+//! arithmetic that touches no memory gains from all threads in the same turns: processors that share a core, or heat, are not two; `Brdf::eval` for random directions with
 //! a cache that holds every block and with one of a tenth of the table, beside the same look-up in the table as float32 in memory.
 //! Medians, with 10 % and 90 % quantiles for the cold block; beside two of them the least, on a machine that others slow down.
 
@@ -24,9 +25,9 @@ fn main() -> Result<(), Failure> {
         return Err("usage: measure FILE.csbrdf...".into());
     }
     println!(
-        "| file | kB | open, us (least) | open + one block, us (10 %, 90 %) | block warm, ns/value (least) | decode 1 thread, ms | all threads, ms | read and convert raw, ms | eval, ns | eval_many, ns | eval, cache of 10 %, ns | raw look-up, ns |"
+        "| file | kB | open, us (least) | open + one block, us (10 %, 90 %) | block warm, ns/value (least) | decode 1 thread, ms | all threads, ms | read and convert raw, ms | 1 thread / raw | 1 thread / all (of arithmetic) | eval, ns | eval_many, ns | eval, cache of 10 %, ns | raw look-up, ns |"
     );
-    println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
+    println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
     for file in &files {
         measure(Path::new(file))?;
     }
@@ -47,6 +48,68 @@ fn times(n: usize, mut call: impl FnMut(usize) -> Result<(), Failure>) -> Result
 
 fn quantile(sorted: &[f64], q: f64) -> f64 {
     sorted[((sorted.len() - 1) as f64 * q).round() as usize]
+}
+
+/// Medians of a whole table's turns, seconds and ratios.
+struct Whole {
+    single: f64,
+    all: f64,
+    raw: f64,
+    of_raw: f64,
+    gain: f64,
+    gain_of_arithmetic: f64,
+}
+
+fn whole(reader: &Reader<impl AsRef<[u8]> + Sync>) -> Result<Whole, Failure> {
+    let raw_file = tempfile::NamedTempFile::new()?;
+    raw::write(raw_file.path(), reader.grid().positions() * reader.grid().channels().len())?;
+    let pool = |threads: usize| rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    let (one, all) = (pool(1)?, pool(std::thread::available_parallelism()?.get())?);
+    let seconds = |work: &dyn Fn() -> Result<(), Failure>| -> Result<f64, Failure> {
+        let start = Instant::now();
+        work()?;
+        Ok(start.elapsed().as_secs_f64())
+    };
+    let mut turns: [Vec<f64>; 6] = Default::default();
+    for _ in 0..21 {
+        let [single, parallel] = [&one, &all].map(|pool| {
+            seconds(&|| {
+                black_box(pool.install(|| reader.decode_all())?);
+                Ok(())
+            })
+        });
+        let raw = seconds(&|| {
+            black_box(raw::read(raw_file.path())?);
+            Ok(())
+        });
+        let [slow, fast] = [&one, &all].map(|pool| {
+            seconds(&|| {
+                pool.install(arithmetic);
+                Ok(())
+            })
+        });
+        let (single, parallel, raw) = (single?, parallel?, raw?);
+        let turn = [single, parallel, raw, single / raw, single / parallel, slow? / fast?];
+        turns.iter_mut().zip(turn).for_each(|(all, one)| all.push(one));
+    }
+    let [single, all, raw, of_raw, gain, gain_of_arithmetic] = turns.map(|mut turns| {
+        turns.sort_by(f64::total_cmp);
+        quantile(&turns, 0.5)
+    });
+    Ok(Whole { single, all, raw, of_raw, gain, gain_of_arithmetic })
+}
+
+/// Multiplications and additions in registers, as many at a time as a processor has room for, for some milliseconds.
+fn arithmetic() {
+    use rayon::prelude::*;
+    let chains = |seed: usize| {
+        let mut x: [f32; 32] = std::array::from_fn(|i| (seed + i) as f32);
+        for _ in 0..20_000 {
+            x.iter_mut().for_each(|x| *x = *x * 0.999 + 0.5);
+        }
+        x.iter().sum::<f32>()
+    };
+    black_box((0..64usize).into_par_iter().with_max_len(1).map(chains).sum::<f32>());
 }
 
 fn measure(path: &Path) -> Result<(), Failure> {
@@ -80,15 +143,7 @@ fn measure(path: &Path) -> Result<(), Failure> {
     })?;
     let per_value = |seconds: f64| seconds / (decoded as f64 / 10.0) * 1e9;
 
-    let full = |threads: usize| -> Result<f64, Failure> {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
-        let seconds = times(15, |_| {
-            black_box(pool.install(|| reader.decode_all())?);
-            Ok(())
-        })?;
-        Ok(quantile(&seconds, 0.5))
-    };
-    let (single, all) = (full(1)?, full(std::thread::available_parallelism()?.get())?);
+    let whole = whole(&reader)?;
 
     let (wi, wo) = raw::directions(100_000, &mut random);
     let table = reader.decode_all()?;
@@ -122,15 +177,9 @@ fn measure(path: &Path) -> Result<(), Failure> {
         }
         Ok(())
     })?;
-    let raw_file = tempfile::NamedTempFile::new()?;
-    raw::write(raw_file.path(), table.len())?;
-    let raw_read = times(15, |_| {
-        black_box(raw::read(raw_file.path())?);
-        Ok(())
-    })?;
 
     println!(
-        "| {} | {:.1} | {:.0} ({:.0}) | {:.0} ({:.0}, {:.0}) | {:.1} ({:.1}) | {:.1} | {:.1} | {:.1} | {:.0} | {:.0} | {:.0} | {:.0} |",
+        "| {} | {:.1} | {:.0} ({:.0}) | {:.0} ({:.0}, {:.0}) | {:.1} ({:.1}) | {:.1} | {:.1} | {:.1} | {:.2} | {:.2} ({:.2}) | {:.0} | {:.0} | {:.0} | {:.0} |",
         path.file_name().unwrap_or_default().to_string_lossy(),
         std::fs::metadata(path)?.len() as f64 / 1e3,
         quantile(&open, 0.5) * 1e6,
@@ -140,9 +189,12 @@ fn measure(path: &Path) -> Result<(), Failure> {
         quantile(&cold, 0.9) * 1e6,
         per_value(quantile(&warm, 0.5)),
         per_value(warm[0]),
-        single * 1e3,
-        all * 1e3,
-        quantile(&raw_read, 0.5) * 1e3,
+        whole.single * 1e3,
+        whole.all * 1e3,
+        whole.raw * 1e3,
+        whole.of_raw,
+        whole.gain,
+        whole.gain_of_arithmetic,
         warm_eval * 1e9,
         many_eval * 1e9,
         tight_eval * 1e9,

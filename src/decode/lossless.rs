@@ -95,7 +95,7 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
             self.in_batches(decode, |block, exact| self.scatter(block, &exact, &mut values))?;
             return Ok(values);
         }
-        for_each_block(self.partition().rows_by_block(&mut values), |scratch, block, rows| {
+        for_each_block(self.partition(), self.partition().rows_by_block(&mut values), |scratch, block, rows| {
             copy_rows(rows, &decode(scratch, block)?);
             Ok(())
         })?;

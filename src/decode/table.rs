@@ -1,6 +1,7 @@
 //! The whole table, and every byte of a file.
 
 use super::{Reader, Scratch};
+use crate::block::Partition;
 use crate::error::{Error, Result};
 use crate::format::{directory, spare};
 use crate::table::BrdfTable;
@@ -37,7 +38,7 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
             };
             return self.in_batches(decode, |block, decoded| self.scatter(block, &decoded, values));
         }
-        for_each_block(self.partition().rows_by_block(values), |scratch, block, rows| {
+        for_each_block(self.partition(), self.partition().rows_by_block(values), |scratch, block, rows| {
             self.values_in_rows(block, scratch, rows)
         })
     }
@@ -69,7 +70,7 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
         }
         let partition = self.partition();
         let blocks = partition.rows_by_block(&mut values).into_iter().zip(partition.rows_by_block(&mut valid));
-        for_each_block(blocks.collect(), |scratch, block, (values, valid)| {
+        for_each_block(partition, blocks.collect(), |scratch, block, (values, valid)| {
             let (decoded, masks) = decode(scratch, block)?;
             copy_rows(values, &decoded);
             copy_rows(valid, &masks);
@@ -181,20 +182,33 @@ pub(super) fn map_blocks<T>(
     blocks.map(|block| work(&mut scratch, block)).collect()
 }
 
-/// `work` on every block with what belongs to it; the first error ends it.
+/// `work` on every block with what belongs to it; the first error ends it. Threads take the largest blocks first, so that they end
+/// together.
 #[cfg(feature = "parallel")]
 pub(super) fn for_each_block<T: Send>(
+    partition: &Partition,
     blocks: Vec<T>,
     work: impl Fn(&mut Scratch, usize, T) -> Result<()> + Sync + Send,
 ) -> Result<()> {
     use rayon::prelude::*;
+    let count = blocks.len();
+    let mut queue: Vec<_> = partition.sizes().zip(blocks.into_iter().enumerate()).collect();
+    queue.sort_by_key(|(size, _)| std::cmp::Reverse(*size));
+    let queue = std::sync::Mutex::new(queue.into_iter());
+    let next = || queue.lock().unwrap_or_else(std::sync::PoisonError::into_inner).next();
     let scratches = Scratches::default();
-    let work = |(block, target)| scratches.lend(|scratch| work(scratch, block, target));
-    blocks.into_par_iter().enumerate().with_max_len(1).try_for_each(work)
+    (0..count).into_par_iter().with_max_len(1).try_for_each(|_| match next() {
+        Some((_, (block, target))) => scratches.lend(|scratch| work(scratch, block, target)),
+        None => Ok(()),
+    })
 }
 
 #[cfg(not(feature = "parallel"))]
-pub(super) fn for_each_block<T>(blocks: Vec<T>, work: impl Fn(&mut Scratch, usize, T) -> Result<()>) -> Result<()> {
+pub(super) fn for_each_block<T>(
+    _: &Partition,
+    blocks: Vec<T>,
+    work: impl Fn(&mut Scratch, usize, T) -> Result<()>,
+) -> Result<()> {
     let mut scratch = Scratch::default();
     blocks.into_iter().enumerate().try_for_each(|(block, target)| work(&mut scratch, block, target))
 }
