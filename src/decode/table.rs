@@ -12,7 +12,7 @@ const MAX_LISTED: usize = 1 << 16;
 
 impl<D: AsRef<[u8]> + Sync> Reader<D> {
     /// The whole table: BRDF values in 1/sr, one plane per channel, last axis fastest. Missing entries hold what
-    /// the recovery filled in.
+    /// the recovery filled in. With the feature `mmap` Linux is asked for large pages, which it hands out in less time.
     ///
     /// # Errors
     /// `Corrupt` if a record is damaged, `LimitExceeded` if the table is above the caller's limit.

@@ -121,7 +121,7 @@ impl Chain {
 }
 
 impl Index {
-    /// An index of no block yet, with room for so many, or for some where a file may be lying.
+    /// An index of no block yet, with room for so many, within bounds: a file may claim any number.
     fn with_room(blocks: usize, start: usize, components: usize) -> Index {
         let room = blocks.min(1 << 12);
         let (rms, max) = (Vec::with_capacity(room), Vec::with_capacity(room));
