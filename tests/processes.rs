@@ -309,8 +309,8 @@ fn a_folder_that_cannot_be_written_is_told() {
     if !superuser {
         fails(run(folder.path(), &args), OPERATION, &parts);
     } else if bound("true").output().is_ok_and(|run| run.status.success()) {
-        let Output { status, stderr, .. } = bound(TOOL).args(args).output().unwrap();
-        fails((status, String::from_utf8(stderr).unwrap()), OPERATION, &parts);
+        let child = bound(TOOL).args(args).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
+        fails(output(child.unwrap()), OPERATION, &parts);
     } else {
         eprintln!("skipped: permissions do not bind this user, and setpriv cannot have them do so");
     }

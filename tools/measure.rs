@@ -65,31 +65,27 @@ fn whole(reader: &Reader<impl AsRef<[u8]> + Sync>) -> Result<Whole, Failure> {
     raw::write(raw_file.path(), reader.grid().positions() * reader.grid().channels().len())?;
     let pool = |threads: usize| rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let (one, all) = (pool(1)?, pool(std::thread::available_parallelism()?.get())?);
-    let seconds = |work: &dyn Fn() -> Result<(), Failure>| -> Result<f64, Failure> {
-        let start = Instant::now();
-        work()?;
-        Ok(start.elapsed().as_secs_f64())
-    };
     let mut turns: [Vec<f64>; 6] = Default::default();
     for _ in 0..21 {
-        let [single, parallel] = [&one, &all].map(|pool| {
-            seconds(&|| {
+        let decode = |pool: &rayon::ThreadPool| {
+            times(1, |_| {
                 black_box(pool.install(|| reader.decode_all())?);
                 Ok(())
             })
-        });
-        let raw = seconds(&|| {
+        };
+        let (single, parallel) = (decode(&one)?[0], decode(&all)?[0]);
+        let raw = times(1, |_| {
             black_box(raw::read(raw_file.path())?);
             Ok(())
-        });
-        let [slow, fast] = [&one, &all].map(|pool| {
-            seconds(&|| {
+        })?[0];
+        let calculate = |pool: &rayon::ThreadPool| {
+            times(1, |_| {
                 pool.install(arithmetic);
                 Ok(())
             })
-        });
-        let (single, parallel, raw) = (single?, parallel?, raw?);
-        let turn = [single, parallel, raw, single / raw, single / parallel, slow? / fast?];
+        };
+        let (slow, fast) = (calculate(&one)?[0], calculate(&all)?[0]);
+        let turn = [single, parallel, raw, single / raw, single / parallel, slow / fast];
         turns.iter_mut().zip(turn).for_each(|(all, one)| all.push(one));
     }
     let [single, all, raw, of_raw, gain, gain_of_arithmetic] = turns.map(|mut turns| {
