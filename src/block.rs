@@ -250,7 +250,7 @@ impl Partition {
     }
 
     /// Cuts planes of the grid into the rows of the blocks, by block: those of the first plane, then of the next, each in the
-    /// order of the block's positions. Threads can then fill blocks without waiting for each other.
+    /// order of the block's positions. Threads can then fill blocks without waiting for each other. Every place is in a row.
     pub(crate) fn rows_by_block<'a, T>(&self, planes: &'a mut [T]) -> Vec<Vec<&'a mut [T]>> {
         let positions: usize = self.grid.iter().product();
         let row_count = |block: usize| {
@@ -270,6 +270,7 @@ impl Partition {
         // Of the tiles that a plane of the last two axes meets, the number of the first block there: threads wait for these loops, so
         // that no row divides but once a tile.
         let mut firsts = vec![0; self.tiles[2] * self.tiles[3]];
+        let (all, mut told) = (planes.len(), 0);
         for (row, plane) in planes.chunks_exact_mut(n2 * n3).enumerate() {
             let (i, j) = (row / n1 % n0, row % n1);
             let met = self.tile_of([i, j, 0, 0]);
@@ -287,6 +288,7 @@ impl Partition {
                         let first = first + k / shape[2] * counts[3];
                         let (of_tile, rest) = line.split_at_mut(bounds.shape[3]);
                         for (block, segment) in blocks[first..].iter_mut().zip(of_tile.chunks_mut(shape[3])) {
+                            told += segment.len();
                             block.push(segment);
                         }
                         line = rest;
@@ -294,6 +296,8 @@ impl Partition {
                 }
             }
         }
+        // No place is in two rows: that are as many as there are means all of them. Who writes to memory without values relies on it.
+        assert_eq!(told, all, "blocks cover whole planes of the grid");
         blocks
     }
 

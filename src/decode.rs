@@ -11,6 +11,7 @@ mod rebuild;
 mod table;
 #[cfg(test)]
 mod tests;
+mod values;
 
 use crate::block::{Block, Partition};
 use crate::error::{Error, Result};
@@ -33,6 +34,7 @@ pub use self::rebuild::Scratch;
 pub(crate) use self::rebuild::{CONTEXTS, CORRECTIONS, MASKS, without_zeros};
 pub(crate) use self::rebuild::{Header, ZEROS, contexts};
 use self::table::copy_rows;
+use self::values::Place;
 
 /// An open file over bytes in memory or in a map. Shared freely between threads; decoding takes `&self`.
 pub struct Reader<D> {
@@ -330,8 +332,8 @@ impl<D: AsRef<[u8]>> Reader<D> {
         self.values_in_rows(block, scratch, out.chunks_exact_mut(positions).collect())
     }
 
-    /// The values of a block in its rows, those of each channel after each other.
-    fn values_in_rows(&self, block: usize, scratch: &mut Scratch, rows: Vec<&mut [f32]>) -> Result<()> {
+    /// The values of a block in all of its rows, those of each channel after each other.
+    fn values_in_rows<P: Place<f32>>(&self, block: usize, scratch: &mut Scratch, rows: Vec<&mut [P]>) -> Result<()> {
         if self.coding().correction.is_some() {
             self.decode_log(block, scratch)?;
             copy_rows(rows, self.header.values(scratch));

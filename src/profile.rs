@@ -4,11 +4,14 @@
 //! lines of equal value cross the grid of half and difference angles at a slant: no block of Fourier terms is sparse
 //! there. Tables over (theta_h, elevation) and (theta_d, elevation) take that part out; they take a few hundred bytes.
 
+mod add;
+
+use self::add::Add;
 use crate::block::Block;
 use crate::exact::sin_cos;
-use crate::format::profile::{MAX_KNOTS, TABLES};
+use crate::format::profile::TABLES;
 use crate::grid::{AxisName, Grid};
-use crate::simd::{Level, Task};
+use crate::simd::Level;
 
 /// Tables of a profile and the angles of the grid that it is for.
 #[derive(Debug)]
@@ -16,14 +19,18 @@ pub(crate) struct Profile {
     knots: usize,
     /// Elevations times this are squares of the place among the knots.
     scale: f32,
+    /// The profile is zero from this elevation on: rounding included, so that it need not be asked for.
+    end: f32,
     /// Over theta_h, the same for both directions and opposite for them; likewise over theta_d.
     /// `[group of components][bin][knot]`.
     tables: [Vec<Lanes>; TABLES],
     /// (sin, cos) at the bin centres.
     theta_h: Vec<(f64, f64)>,
     theta_d: Vec<(f64, f64)>,
-    /// cos of phi_d at the bin centres.
+    /// cos of phi_d at the bin centres, and as many more numbers as a step may go beyond the last.
     phi_d: Vec<f32>,
+    /// Least and largest of them in the step from each bin on.
+    extremes: Vec<[f32; 2]>,
 }
 
 /// Bins of theta_h and theta_d of a grid that can have a profile: its axes are theta_h, theta_d, phi_d in this order.
@@ -33,18 +40,32 @@ pub(crate) fn bins(grid: &Grid) -> Option<[usize; 2]> {
     fits.then(|| [grid.axes()[0].len, grid.axes()[1].len])
 }
 
-/// Place of a direction among the knots, of a root that [`Profile::roots`] gives: the knot below, the number of knots less 1
-/// where the profile is zero, and how far it is to the next.
+/// Place of a direction among the knots, of its [`Profile::root`]: the knot below, the number of knots less 1 where the
+/// profile is zero, and how far it is to the next.
 #[inline(always)]
-pub(crate) fn place(root: f32) -> (u8, f32) {
-    let knot = root as u8;
-    (knot, root - f32::from(knot))
+pub(crate) fn place(root: f32) -> (u32, f32) {
+    // Adding and taking away 2^23 rounds to the nearest integer; conversions that watch their range would not vectorise.
+    let nearest = (root + TWO_23) - TWO_23;
+    let knot = if nearest > root { nearest - 1.0 } else { nearest };
+    ((knot + TWO_23).to_bits() - TWO_23.to_bits(), root - knot)
 }
 
-/// A few components side by side: what a profile has at a knot, and how much more at the next.
+const TWO_23: f32 = 8388608.0;
+
+/// A few components side by side.
 const LANES: usize = 4;
 type Lanes = [f32; LANES];
-type Knot = (Lanes, Lanes);
+
+/// Positions of a row that go together: a vector of AVX2.
+const STEP: usize = 8;
+
+/// Elevations along phi_d at a bin of theta_h and theta_d: what they have in common, and what its cosine times gives more to the
+/// sensor and less to the light.
+#[derive(Clone, Copy)]
+struct Row {
+    middle: f32,
+    swing: f32,
+}
 
 impl Profile {
     /// Tables are `[component][bin][knot]`. `None` unless the grid can have a profile.
@@ -64,141 +85,51 @@ impl Profile {
             (0..axis.len).map(|i| sin_cos(axis.angle(i as f64 + 0.5)))
         };
         let last = (knots - 1) as f32;
+        let cosines: Vec<f32> = angles(2).map(|(_, cos)| cos as f32).collect();
+        let extremes = |step: &[f32]| step.iter().fold([1f32, -1.0], |[low, high], c| [low.min(*c), high.max(*c)]);
         Some(Profile {
             knots,
             scale: last * last / zone,
+            end: zone * 1.001,
             tables: std::array::from_fn(side_by_side),
             theta_h: angles(0).collect(),
             theta_d: angles(1).collect(),
-            phi_d: angles(2).map(|(_, cos)| cos as f32).collect(),
+            extremes: (0..cosines.len()).map(|p| extremes(&cosines[p..cosines.len().min(p + STEP)])).collect(),
+            phi_d: [cosines, vec![0.0; STEP - 1]].concat(),
         })
     }
 
-    /// Square roots of the elevations of light and of sensor at the positions of a row along phi_d, in knots; none if the
-    /// profile is zero on all of it.
+    /// None if the profile is zero on all of the row.
     #[inline(always)]
-    pub(crate) fn roots(&self, h: usize, d: usize, phi: std::ops::Range<usize>, out: &mut [Vec<f32>; 2]) {
-        out.iter_mut().for_each(Vec::clear);
+    fn row(&self, h: usize, d: usize) -> Option<Row> {
         let ((sin_h, cos_h), (sin_d, cos_d)) = (self.theta_h[h], self.theta_d[d]);
         let (middle, swing) = ((cos_h * cos_d) as f32, (sin_h * sin_d) as f32);
-        let last = (self.knots - 1) as f32;
         // Cosines are at most 1, and rounding keeps the order: no elevation of the row is lower.
-        if ((middle - swing.abs()).max(0.0) * self.scale).sqrt() >= last {
-            return;
-        }
-        let [light, sensor] = out;
-        light.resize(phi.len(), 0.0);
-        sensor.resize(phi.len(), 0.0);
-        for ((light, sensor), cos) in light.iter_mut().zip(sensor).zip(&self.phi_d[phi]) {
-            *light = ((middle - swing * cos).max(0.0) * self.scale).sqrt().min(last);
-            *sensor = ((middle + swing * cos).max(0.0) * self.scale).sqrt().min(last);
-        }
+        (middle - swing.abs() < self.end).then_some(Row { middle, swing })
     }
 
-    /// The part of a row outside of which a side has no profile.
+    /// Square root of an elevation, in knots.
     #[inline(always)]
-    fn within(&self, roots: &[f32]) -> std::ops::Range<usize> {
+    fn root(&self, elevation: f32) -> f32 {
         let last = (self.knots - 1) as f32;
-        let start = roots.iter().position(|root| *root < last).unwrap_or(roots.len());
-        let end = roots.iter().rposition(|root| *root < last).map_or(start, |i| i + 1);
-        start..end
+        let root = (if elevation > 0.0 { elevation } else { 0.0 } * self.scale).sqrt();
+        if root < last { root } else { last }
+    }
+
+    /// Roots of the elevations of light and of sensor along phi_d; none if the profile is zero on all of the row.
+    #[cfg(feature = "encode")]
+    pub(crate) fn roots(&self, h: usize, d: usize) -> Option<[Vec<f32>; 2]> {
+        let Row { middle, swing } = self.row(h, d)?;
+        let cos = &self.phi_d[..self.extremes.len()];
+        Some([
+            cos.iter().map(|cos| self.root(middle - swing * cos)).collect(),
+            cos.iter().map(|cos| self.root(middle + swing * cos)).collect(),
+        ])
     }
 
     /// Adds the profile to the components of a block, `[component][position]`.
     pub(crate) fn add(&self, level: Level, block: &Block, values: &mut [f32]) {
         level.run(Add { profile: self, block, values });
-    }
-
-    #[inline(always)]
-    fn add_inline(&self, block: &Block, values: &mut [f32]) {
-        let [_, oh, od, op] = block.origin;
-        let [_, nh, nd, np] = block.shape;
-        let n = block.positions();
-        let mut roots = [Vec::new(), Vec::new()];
-        let mut sides = [[([0f32; LANES], [0f32; LANES]); MAX_KNOTS]; 2];
-        let mut sums: Vec<Lanes> = Vec::new();
-        for i in 0..nh {
-            for j in 0..nd {
-                self.roots(oh + i, od + j, op..op + np, &mut roots);
-                if roots[0].is_empty() {
-                    continue;
-                }
-                let start = (i * nd + j) * np;
-                // Mostly the sides are low at different ends of the row.
-                let places = roots.each_ref().map(|roots| self.within(roots));
-                let any = places[0].start.min(places[1].start)..places[0].end.max(places[1].end);
-                for (group, planes) in values.chunks_mut(LANES * n).enumerate() {
-                    self.row(group, oh + i, od + j, &mut sides);
-                    sums.clear();
-                    sums.resize(np, [0.0; LANES]);
-                    for ((side, roots), places) in sides.iter().zip(&roots).zip(&places) {
-                        for (sum, root) in sums[places.clone()].iter_mut().zip(&roots[places.clone()]) {
-                            let more = interpolate(side, *root);
-                            for lane in 0..LANES {
-                                sum[lane] += more[lane];
-                            }
-                        }
-                    }
-                    for (lane, plane) in planes.chunks_exact_mut(n).enumerate() {
-                        let row = &mut plane[start..start + np][any.clone()];
-                        for (value, sum) in row.iter_mut().zip(&sums[any.clone()]) {
-                            *value += sum[lane];
-                        }
-                    }
-                }
-            }
-        }
-    }
-
-    /// Profiles of a few components over the elevation of light and of sensor at a bin of theta_h and theta_d, zero from the
-    /// last knot on.
-    #[inline(always)]
-    fn row(&self, group: usize, h: usize, d: usize, sides: &mut [[Knot; MAX_KNOTS]; 2]) {
-        let k = self.knots;
-        let of_bin = |table: usize, bins: usize, bin: usize| &self.tables[table][(group * bins + bin) * k..][..k];
-        let (nh, nd) = (self.theta_h.len(), self.theta_d.len());
-        let (h_even, h_odd, d_even, d_odd) = (of_bin(0, nh, h), of_bin(1, nh, h), of_bin(2, nd, d), of_bin(3, nd, d));
-        let [light, sensor] = sides;
-        for e in 0..k - 1 {
-            for lane in 0..LANES {
-                let (even, odd) = (h_even[e][lane] + d_even[e][lane], h_odd[e][lane] + d_odd[e][lane]);
-                light[e].0[lane] = even + odd;
-                sensor[e].0[lane] = even - odd;
-            }
-        }
-        for side in sides {
-            side[k - 1] = ([0.0; LANES], [0.0; LANES]);
-            for e in 0..k - 1 {
-                for lane in 0..LANES {
-                    side[e].1[lane] = side[e + 1].0[lane] - side[e].0[lane];
-                }
-            }
-        }
-    }
-}
-
-#[inline(always)]
-fn interpolate(side: &[Knot; MAX_KNOTS], root: f32) -> Lanes {
-    let (knot, fraction) = place(root);
-    // At most the last: the remainder saves a check.
-    let (value, more) = &side[usize::from(knot) % MAX_KNOTS];
-    let mut sum = [0f32; LANES];
-    for lane in 0..LANES {
-        sum[lane] = value[lane] + more[lane] * fraction;
-    }
-    sum
-}
-
-struct Add<'a> {
-    profile: &'a Profile,
-    block: &'a Block,
-    values: &'a mut [f32],
-}
-
-impl Task for Add<'_> {
-    #[inline(always)]
-    fn run<const FUSED: bool>(self) {
-        self.profile.add_inline(self.block, self.values);
     }
 }
 

@@ -18,40 +18,49 @@ const ZERO: usize = ALL_ZERO + STATES;
 /// Number of contexts for zeros.
 pub(crate) const CONTEXTS: usize = ZERO + 32;
 
-/// Codes which of a block's valid entries are zero, `[channel][position]`; a decoder overwrites what it is given.
-/// `masks` is the validity of all channels, or of each.
-pub(crate) fn code_zeros<C: Coder>(
+/// Codes which of a block's valid entries are zero, `[channel][position]`; empty if none is, as a decoder leaves it then.
+/// `masks` is the validity of all channels, or of each; nobody asks for it where nothing is zero.
+pub(crate) fn code_zeros<'a, C: Coder>(
     coder: &mut C,
     contexts: usize,
     shape: [usize; 4],
-    masks: &[bool],
-    zeros: &mut [bool],
+    channels: usize,
+    masks: impl FnOnce() -> &'a [bool],
+    zeros: &mut Vec<bool>,
 ) {
     let n: usize = shape.iter().product();
     let [_, n1, n2, n3] = shape;
+    let (mut masks, mut told) = (Some(masks), None);
+    if C::READS {
+        zeros.clear();
+    }
     let mut before = FIRST;
-    for channel in 0..zeros.len() / n {
+    for channel in 0..channels {
+        let given = if C::READS { &[] } else { zeros.get(channel * n..(channel + 1) * n).unwrap_or_default() };
+        let any = coder.bit(contexts + ANY_ZERO + before, given.contains(&true));
+        if !any {
+            before = NONE;
+            continue;
+        }
+        if C::READS {
+            zeros.resize(channels * n, false);
+        }
+        if let Some(masks) = masks.take() {
+            told = Some(masks());
+        }
+        let masks = told.unwrap_or_default();
         let valid = if masks.len() == n { masks } else { &masks[channel * n..(channel + 1) * n] };
         let (done, zeros) = zeros.split_at_mut(channel * n);
         let zeros = &mut zeros[..n];
         let sister = done.len().checked_sub(n).map(|start| &done[start..]);
-        let present = |zeros: &[bool]| zeros.iter().zip(valid).any(|(z, v)| *z && *v);
-        let any = coder.bit(contexts + ANY_ZERO + before, present(zeros));
-        let full = any && {
-            let lacking = zeros.iter().zip(valid).any(|(z, v)| !*z && *v);
-            coder.bit(contexts + ALL_ZERO + before, !lacking)
-        };
-        before = if !any {
-            NONE
-        } else if full {
-            ALL
-        } else {
-            SOME
-        };
-        if before != SOME {
-            zeros.iter_mut().zip(valid).for_each(|(zero, &valid)| *zero = full && valid);
+        let lacking = zeros.iter().zip(valid).any(|(z, v)| !*z && *v);
+        let full = coder.bit(contexts + ALL_ZERO + before, !lacking);
+        if full {
+            before = ALL;
+            zeros.copy_from_slice(valid);
             continue;
         }
+        before = SOME;
         for i in 0..n {
             if !valid[i] {
                 zeros[i] = false;
@@ -88,11 +97,11 @@ mod tests {
                 .collect();
             let probabilities = vec![30000; CONTEXTS];
             let mut encoder = Encoder::new(&probabilities);
-            code_zeros(&mut encoder, 0, shape, &masks, &mut zeros.clone());
+            code_zeros(&mut encoder, 0, shape, channels, || &masks, &mut zeros.clone());
             let bytes = encoder.finish();
-            let mut decoded = vec![true; channels * n];
-            code_zeros(&mut Decoder::new(&probabilities, &bytes), 0, shape, &masks, &mut decoded);
-            prop_assert_eq!(decoded, zeros);
+            let mut decoded = vec![true; 5];
+            code_zeros(&mut Decoder::new(&probabilities, &bytes), 0, shape, channels, || &masks, &mut decoded);
+            prop_assert_eq!(decoded, if zeros.contains(&true) { zeros } else { Vec::new() });
         }
     }
 }

@@ -4,9 +4,7 @@ use std::borrow::Cow;
 use std::sync::OnceLock;
 
 use super::buffer::Buffer;
-use super::table::copy_rows;
 use crate::block::{Block, Partition};
-use crate::channel::ChannelTransform;
 use crate::correct::{self, Decoded, correct};
 use crate::dependent::Quantization;
 use crate::entropy::{self, Walk};
@@ -22,8 +20,7 @@ use crate::mask::{self, MaskModel};
 use crate::profile::Profile;
 use crate::quantize::{Quantizer, dequantize_mean};
 use crate::range::Decoder;
-use crate::simd::{Level, Task};
-use crate::tone::{inverse_tone_map, inverse_tone_maps};
+use crate::simd::Level;
 use crate::zeros::{self, code_zeros};
 
 /// First contexts of the range coder for coefficients (from 0), masks, zeros, corrections.
@@ -67,7 +64,7 @@ pub struct Scratch {
     class: ValidityClass,
     /// Empty where the class says enough and the values do not depend on them.
     pub(crate) masks: Vec<bool>,
-    /// Exact zeros, `[channel][position]`; empty where the file tells none.
+    /// Exact zeros, `[channel][position]`; empty if the block has none.
     pub(crate) zeros: Vec<bool>,
     /// Log values, `[channel][position]`.
     pub(crate) log: Buffer<f32>,
@@ -75,15 +72,6 @@ pub struct Scratch {
     /// Of the block that was rebuilt last, if the file has a correction step; `[channel][position]`.
     pub(crate) corrections: Vec<i32>,
     correct: correct::Walk,
-}
-
-impl Scratch {
-    /// Exact zeros in the log values: exp of what they get is zero, and so is the value.
-    fn hide_zeros(&mut self) {
-        for (log, zero) in self.log.iter_mut().zip(&self.zeros) {
-            *log = if *zero { f32::NEG_INFINITY } else { *log };
-        }
-    }
 }
 
 impl Header {
@@ -135,7 +123,7 @@ impl Header {
         scratch.class = class;
         scratch.masks.clear();
         // What is only predicted is left until someone asks.
-        if class != ValidityClass::Horizon || self.coding.zeros || self.coding.correction.is_some() {
+        if class != ValidityClass::Horizon || self.coding.correction.is_some() {
             self.decode_masks(block, class, decoder, &mut scratch.masks);
         }
         scratch.coefficients.resize(channels * n);
@@ -147,8 +135,23 @@ impl Header {
         }
         scratch.zeros.clear();
         if self.coding.zeros {
-            scratch.zeros.resize(channels * n, false);
-            code_zeros(decoder, ZEROS, block.shape, &scratch.masks, &mut scratch.zeros);
+            let Scratch { masks, zeros, .. } = &mut *scratch;
+            let valid = |masks: &mut Vec<bool>| {
+                if masks.is_empty() {
+                    masks.extend(self.mask_model().predict(block));
+                }
+            };
+            code_zeros(
+                decoder,
+                ZEROS,
+                block.shape,
+                channels,
+                || {
+                    valid(masks);
+                    masks
+                },
+                zeros,
+            );
         }
         scratch
             .walk
@@ -259,40 +262,8 @@ impl Header {
         Ok(())
     }
 
-    /// Components to log values of channels, `[channel][position]`.
-    pub(super) fn to_channels(&self, values: &mut [f32]) {
-        let (transform, channels) = (&self.coding.transform, self.grid.channels().len());
-        self.level.run(ToChannels { transform, channels, values });
-    }
-
-    /// BRDF values in the rows of a block, `[channel][row]`, from the components in the scratch.
-    pub(super) fn values_in_rows(&self, scratch: &mut Scratch, mut rows: Vec<&mut [f32]>) {
-        let eps = self.coding.eps as f32;
-        if let (ChannelTransform::Matrix(matrix), 3) = (&self.coding.transform, self.grid.channels().len()) {
-            self.level.run(OpponentRows { matrix, eps, components: &scratch.log, rows: &mut rows });
-            let mut zeros = &scratch.zeros[..];
-            for row in rows.iter_mut().filter(|_| !scratch.zeros.is_empty()) {
-                let (here, rest) = zeros.split_at(row.len());
-                for (value, zero) in row.iter_mut().zip(here) {
-                    *value = if *zero { 0.0 } else { *value };
-                }
-                zeros = rest;
-            }
-            return;
-        }
-        self.to_channels(&mut scratch.log);
-        scratch.hide_zeros();
-        copy_rows(rows, self.values(scratch));
-    }
-
     pub(super) fn axes(&self, shape: [usize; 4]) -> [&AxisTable; 4] {
         shape.map(|n| self.synthesis.axis(n))
-    }
-
-    /// BRDF values in place of the log values in the scratch.
-    pub(super) fn values<'a>(&self, scratch: &'a mut Scratch) -> &'a [f32] {
-        self.level.run(InverseToneMap { eps: self.coding.eps as f32, values: &mut scratch.log });
-        &scratch.log
     }
 
     /// What [`Header::rebuild`] gives before corrections and zeros, of coefficients and extents that are not coded yet.
@@ -322,65 +293,6 @@ impl Header {
             ValidityClass::MaskPerChannel => scratch.masks.clone(),
             _ => scratch.masks.repeat(channels),
         }
-    }
-}
-
-struct ToChannels<'a> {
-    transform: &'a ChannelTransform,
-    channels: usize,
-    values: &'a mut [f32],
-}
-
-impl Task for ToChannels<'_> {
-    #[inline(always)]
-    fn run<const FUSED: bool>(self) {
-        self.transform.inverse(self.values, self.channels);
-    }
-}
-
-/// Three components to values in the rows of a block, in one pass: the sums of [`ChannelTransform::inverse`].
-struct OpponentRows<'a, 'b> {
-    /// Of three channels.
-    matrix: &'a [f32],
-    eps: f32,
-    components: &'a [f32],
-    /// `[channel][row]`.
-    rows: &'a mut [&'b mut [f32]],
-}
-
-impl Task for OpponentRows<'_, '_> {
-    #[inline(always)]
-    fn run<const FUSED: bool>(self) {
-        let OpponentRows { matrix, eps, components, rows } = self;
-        let m: [f32; 9] = std::array::from_fn(|i| matrix[i]);
-        let (first, rest) = components.split_at(components.len() / 3);
-        let (second, third) = rest.split_at(first.len());
-        let (red, rest) = rows.split_at_mut(rows.len() / 3);
-        let (green, blue) = rest.split_at_mut(red.len());
-        let mut at = 0;
-        for ((red, green), blue) in red.iter_mut().zip(green).zip(blue) {
-            let place = at..at + red.len();
-            at = place.end;
-            let from = first[place.clone()].iter().zip(&second[place.clone()]).zip(&third[place]);
-            let to = red.iter_mut().zip(green.iter_mut()).zip(blue.iter_mut());
-            for (((r, g), b), ((x, y), z)) in to.zip(from) {
-                *r = inverse_tone_map((x * m[0] + y * m[3]) + z * m[6], eps);
-                *g = inverse_tone_map((x * m[1] + y * m[4]) + z * m[7], eps);
-                *b = inverse_tone_map((x * m[2] + y * m[5]) + z * m[8], eps);
-            }
-        }
-    }
-}
-
-struct InverseToneMap<'a> {
-    eps: f32,
-    values: &'a mut [f32],
-}
-
-impl Task for InverseToneMap<'_> {
-    #[inline(always)]
-    fn run<const FUSED: bool>(self) {
-        inverse_tone_maps(self.values, self.eps);
     }
 }
 

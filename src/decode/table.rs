@@ -1,5 +1,6 @@
 //! The whole table, and every byte of a file.
 
+use super::values::Place;
 use super::{Reader, Scratch};
 use crate::block::Partition;
 use crate::error::{Error, Result};
@@ -16,9 +17,22 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
     ///
     /// # Errors
     /// `Corrupt` if a record is damaged, `LimitExceeded` if the table is above the caller's limit.
+    #[allow(unsafe_code)]
     pub fn decode_all(&self) -> Result<Vec<f32>> {
-        let mut values = zeroed(self.check_table_size()?);
-        self.decode_all_into(&mut values)?;
+        let size = self.check_table_size()?;
+        if self.has_short_rows() {
+            let mut values = vec![0.0; size];
+            self.decode_all_into(&mut values)?;
+            return Ok(values);
+        }
+        let mut values = Vec::with_capacity(size);
+        let places = &mut values.spare_capacity_mut()[..size];
+        #[cfg(feature = "mmap")]
+        crate::map::ask_for_large_pages(places);
+        let rows = self.partition().rows_by_block(places);
+        for_each_block(self.partition(), rows, |scratch, block, rows| self.values_in_rows(block, scratch, rows))?;
+        // SAFETY: the first `size` places are all in some block's rows, and without an error every block was written to all of its rows.
+        unsafe { values.set_len(size) };
         Ok(values)
     }
 
@@ -214,11 +228,11 @@ pub(super) fn for_each_block<T>(
 }
 
 /// Copies the values of a block into its rows.
-pub(super) fn copy_rows<T: Copy>(rows: Vec<&mut [T]>, values: &[T]) {
+pub(super) fn copy_rows<T: Copy, P: Place<T>>(rows: Vec<&mut [P]>, values: &[T]) {
     let mut left = values;
     for row in rows {
         let (values, rest) = left.split_at(row.len());
-        row.copy_from_slice(values);
+        row.iter_mut().zip(values).for_each(|(place, value)| place.put(*value));
         left = rest;
     }
 }

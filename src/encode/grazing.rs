@@ -65,7 +65,7 @@ struct Place {
 impl Place {
     fn new(light: f32, sensor: f32) -> Place {
         let (light, sensor) = (place(light), place(sensor));
-        Place { knot: [light.0, sensor.0], fraction: [light.1, sensor.1] }
+        Place { knot: [light.0 as u8, sensor.0 as u8], fraction: [light.1, sensor.1] }
     }
 }
 
@@ -250,13 +250,12 @@ fn planes(grid: &Grid, known: &[bool]) -> Option<Vec<Plane>> {
             after: Vec::new(),
             below: Vec::new(),
         };
-        let mut roots = [Vec::new(), Vec::new()];
         let mut before = vec![u32::MAX; bins_p];
         for d in 0..bins_d {
             let mut current = vec![u32::MAX; bins_p];
-            empty.roots(h, d, 0..bins_p, &mut roots);
+            let [light, sensor] = empty.roots(h, d).unwrap_or_default();
             let row: Vec<Place> =
-                roots[0].iter().zip(&roots[1]).map(|(light, sensor)| Place::new(*light, *sensor)).collect();
+                light.iter().zip(&sensor).map(|(light, sensor)| Place::new(*light, *sensor)).collect();
             let start = plane.places.len();
             for p in 0..row.len() {
                 // The neighbours just outside count too: the profile is zero there.

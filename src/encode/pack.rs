@@ -140,10 +140,10 @@ impl Uncoded<'_> {
         }
         let shape = self.block.shape;
         header.mask_model().code(coder, MASKS, &self.block, &mut masks.clone());
-        if !zeros.is_empty() {
+        if header.coding.zeros {
             let n: usize = shape.iter().product();
-            let common = *class != ValidityClass::MaskPerChannel;
-            code_zeros(coder, ZEROS, shape, if common { &valid[..n] } else { valid }, &mut zeros.clone());
+            let masks = if *class == ValidityClass::MaskPerChannel { valid } else { &valid[..n] };
+            code_zeros(coder, ZEROS, shape, valid.len() / n, || masks, &mut zeros.clone());
         }
         let mut coefficients = self.quantized.coefficients.clone();
         let coded = buffers.walk.code(coder, header.coding.quantization, shape, &mut coefficients, &mut Vec::new());

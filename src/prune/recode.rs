@@ -118,7 +118,8 @@ impl<'a> Recoder<'a> {
             target.mask_model().code(coder, MASKS, block, &mut remains.masks);
         }
         if target.coding.zeros {
-            code_zeros(coder, ZEROS, block.shape, &remains.masks, &mut remains.zeros);
+            let channels = target.grid.channels().len();
+            code_zeros(coder, ZEROS, block.shape, channels, || &remains.masks, &mut remains.zeros);
         }
         let quantization = target.coding.quantization;
         walk.code(coder, quantization, block.shape, &mut remains.coefficients, &mut Vec::new())

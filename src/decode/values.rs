@@ -1,0 +1,145 @@
+//! From the components of a block's log values to its values, in the rows of a table or of the block.
+
+use std::mem::MaybeUninit;
+
+use super::rebuild::{Header, Scratch};
+use super::table::copy_rows;
+use crate::channel::ChannelTransform;
+use crate::exact::exp32_lanes;
+use crate::simd::Task;
+use crate::tone::{inverse_tone_map, inverse_tone_maps};
+
+/// Memory that values are written to, be there one already or not.
+pub(super) trait Place<T> {
+    fn put(&mut self, value: T);
+}
+
+impl<T> Place<T> for T {
+    #[inline(always)]
+    fn put(&mut self, value: T) {
+        *self = value;
+    }
+}
+
+impl<T> Place<T> for MaybeUninit<T> {
+    #[inline(always)]
+    fn put(&mut self, value: T) {
+        self.write(value);
+    }
+}
+
+impl Scratch {
+    /// Exact zeros in the log values: exp of what they get is zero, and so is the value.
+    pub(super) fn hide_zeros(&mut self) {
+        for (log, zero) in self.log.iter_mut().zip(&self.zeros) {
+            *log = if *zero { f32::NEG_INFINITY } else { *log };
+        }
+    }
+}
+
+impl Header {
+    /// Components to log values of channels, `[channel][position]`.
+    pub(super) fn to_channels(&self, values: &mut [f32]) {
+        let (transform, channels) = (&self.coding.transform, self.grid.channels().len());
+        self.level.run(ToChannels { transform, channels, values });
+    }
+
+    /// BRDF values in place of the log values in the scratch.
+    pub(super) fn values<'a>(&self, scratch: &'a mut Scratch) -> &'a [f32] {
+        self.level.run(InverseToneMap { eps: self.coding.eps as f32, values: &mut scratch.log });
+        &scratch.log
+    }
+
+    /// BRDF values in all of the rows of a block, `[channel][row]`, from the components in the scratch.
+    pub(super) fn values_in_rows<P: Place<f32>>(&self, scratch: &mut Scratch, mut rows: Vec<&mut [P]>) {
+        if let (ChannelTransform::Matrix(matrix), 3) = (&self.coding.transform, self.grid.channels().len()) {
+            let eps = self.coding.eps as f32;
+            self.level.run(OpponentRows { matrix, eps, components: &scratch.log, rows: &mut rows });
+            let places = rows.iter_mut().flat_map(|row| row.iter_mut());
+            places.zip(&scratch.zeros).filter(|(_, zero)| **zero).for_each(|(place, _)| place.put(0.0));
+            return;
+        }
+        self.to_channels(&mut scratch.log);
+        scratch.hide_zeros();
+        copy_rows(rows, self.values(scratch));
+    }
+}
+
+struct ToChannels<'a> {
+    transform: &'a ChannelTransform,
+    channels: usize,
+    values: &'a mut [f32],
+}
+
+impl Task for ToChannels<'_> {
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        self.transform.inverse(self.values, self.channels);
+    }
+}
+
+struct InverseToneMap<'a> {
+    eps: f32,
+    values: &'a mut [f32],
+}
+
+impl Task for InverseToneMap<'_> {
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        inverse_tone_maps(self.values, self.eps);
+    }
+}
+
+/// Three components to values in the rows of a block, in one pass: the sums of [`ChannelTransform::inverse`].
+struct OpponentRows<'a, 'b, P> {
+    /// Of three channels.
+    matrix: &'a [f32],
+    eps: f32,
+    components: &'a [f32],
+    /// `[channel][row]`.
+    rows: &'a mut [&'b mut [P]],
+}
+
+/// Positions that are done together at the end of a row.
+const FEW: usize = 8;
+
+impl<P: Place<f32>> Task for OpponentRows<'_, '_, P> {
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        let OpponentRows { matrix, eps, components, rows } = self;
+        let m: [f32; 9] = std::array::from_fn(|i| matrix[i]);
+        let (first, rest) = components.split_at(components.len() / 3);
+        let (second, third) = rest.split_at(first.len());
+        let (red, rest) = rows.split_at_mut(rows.len() / 3);
+        let (green, blue) = rest.split_at_mut(red.len());
+        let mut start = 0;
+        for ((red, green), blue) in red.iter_mut().zip(green).zip(blue) {
+            let len = red.len();
+            let from = [first, second, third].map(|plane| &plane[start..start + len]);
+            start += len;
+            let whole = if len < FEW { len } else { len / FEW * FEW };
+            let [x, y, z] = from.map(|plane| plane[..whole].iter());
+            let to = red[..whole].iter_mut().zip(&mut green[..whole]).zip(&mut blue[..whole]);
+            for (((r, g), b), ((x, y), z)) in to.zip(x.zip(y).zip(z)) {
+                r.put(inverse_tone_map((x * m[0] + y * m[3]) + z * m[6], eps));
+                g.put(inverse_tone_map((x * m[1] + y * m[4]) + z * m[7], eps));
+                b.put(inverse_tone_map((x * m[2] + y * m[5]) + z * m[8], eps));
+            }
+            if whole < len {
+                // What is left over, with some once more: one position at a time would take a third of short rows' time.
+                let [x, y, z] = from.map(|plane| &plane[len - FEW..]);
+                for (c, row) in [&mut red[..], &mut green[..], &mut blue[..]].into_iter().enumerate() {
+                    let mut values = [0f32; FEW];
+                    for i in 0..FEW {
+                        values[i] = (x[i] * m[c] + y[i] * m[3 + c]) + z[i] * m[6 + c];
+                    }
+                    exp32_lanes(&mut values);
+                    row[len - FEW..]
+                        .iter_mut()
+                        .zip(values)
+                        .for_each(|(place, value)| place.put((value - eps).max(0.0)));
+                }
+            }
+        }
+    }
+}
