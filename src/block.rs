@@ -250,11 +250,12 @@ impl Partition {
     }
 
     /// Cuts planes of the grid into the rows of the blocks, by block: those of the first plane, then of the next, each in the
-    /// order of the block's positions. Threads can then fill blocks without waiting for each other. Every place is in a row.
+    /// order of the block's positions; those that follow each other in the plane may be one. Threads can then fill blocks without waiting for each other. Every place is in a row.
     pub(crate) fn rows_by_block<'a, T>(&self, planes: &'a mut [T]) -> Vec<Vec<&'a mut [T]>> {
         let positions: usize = self.grid.iter().product();
         let row_count = |block: usize| {
-            let rows: usize = self.block(block).map_or(0, |block| block.shape[..3].iter().product());
+            let axes = |block: Block| if block.shape[3] == self.grid[3] { 2 } else { 3 };
+            let rows: usize = self.block(block).map_or(0, |block| block.shape[..axes(block)].iter().product());
             rows * (planes.len() / positions)
         };
         let mut blocks: Vec<Vec<&mut [T]>> =
@@ -282,6 +283,15 @@ impl Partition {
             let along = firsts.chunks_exact(self.tiles[3]).zip((met..).step_by(self.tiles[3]));
             let bands = plane.chunks_mut(self.tile[2] * n3).zip(along);
             for (band, (firsts, tile)) in bands {
+                let (_, shape, _) = &tiles[tile];
+                if shape[3] == n3 {
+                    // Rows of a block that follow each other in the plane.
+                    for (block, rows) in blocks[firsts[0]..].iter_mut().zip(band.chunks_mut(shape[2] * n3)) {
+                        told += rows.len();
+                        block.push(rows);
+                    }
+                    continue;
+                }
                 for (k, mut line) in band.chunks_exact_mut(n3).enumerate() {
                     for (first, (bounds, shape, counts)) in firsts.iter().zip(&tiles[tile..]) {
                         // Blocks of a tile along the last axis have numbers that follow each other.
@@ -435,7 +445,9 @@ mod tests {
                 for (plane, values) in expected.chunks_exact(n).zip(values.chunks_exact_mut(block.positions())) {
                     block.gather(partition.grid(), plane, values);
                 }
-                prop_assert!(rows.iter().all(|row| row.len() == block.shape[3]));
+                let [_, _, n2, n3] = block.shape;
+                let length = if n3 == partition.grid()[3] { n2 * n3 } else { n3 };
+                prop_assert!(rows.iter().all(|row| row.len() == length));
                 prop_assert_eq!(rows.into_iter().map(|row| &*row).collect::<Vec<_>>().concat(), values);
             }
         }

@@ -54,13 +54,24 @@ impl MaskModel {
         for m in 0..masks.len() / n {
             let (done, mask) = masks.split_at_mut(m * n);
             let sister = done.len().checked_sub(n).map(|start| &done[start..]);
-            for i in 0..n {
-                let predicted = usize::from(bands[i]) >= BANDS / 2;
-                let left = if i % n3 > 0 { mask[i - 1] } else { predicted };
-                let above = if i / n3 % n2 > 0 { mask[i - n3] } else { predicted };
-                let sister = sister.map_or(predicted, |s| s[i]);
-                let context = usize::from(bands[i]) * 8 + usize::from(left) * 4 + usize::from(above) * 2;
-                mask[i] = coder.bit(contexts + context + usize::from(sister), mask[i]);
+            for row in 0..n / n3 {
+                let start = row * n3;
+                let (done, line) = mask.split_at_mut(start);
+                let line = &mut line[..n3];
+                let bands = &bands[start..][..n3];
+                let above = (row % n2 > 0).then(|| &done[start - n3..][..n3]);
+                let sister = sister.map(|sister| &sister[start..][..n3]);
+                let mut left = None;
+                for k in 0..n3 {
+                    let predicted = usize::from(bands[k]) >= BANDS / 2;
+                    let known = |row: Option<&[bool]>| row.map_or(predicted, |row| row[k]);
+                    let context = usize::from(bands[k]) * 8
+                        + usize::from(left.unwrap_or(predicted)) * 4
+                        + usize::from(known(above)) * 2
+                        + usize::from(known(sister));
+                    line[k] = coder.bit(contexts + context, line[k]);
+                    left = Some(line[k]);
+                }
             }
         }
     }

@@ -34,6 +34,7 @@ pub(crate) fn code_zeros<'a, C: Coder>(
     if C::READS {
         zeros.clear();
     }
+    let nothing = vec![false; n3];
     let mut before = FIRST;
     for channel in 0..channels {
         let given = if C::READS { &[] } else { zeros.get(channel * n..(channel + 1) * n).unwrap_or_default() };
@@ -61,18 +62,25 @@ pub(crate) fn code_zeros<'a, C: Coder>(
             continue;
         }
         before = SOME;
-        for i in 0..n {
-            if !valid[i] {
-                zeros[i] = false;
-                continue;
+        for row in 0..n / n3 {
+            let start = row * n3;
+            let (done, line) = zeros.split_at_mut(start);
+            let line = &mut line[..n3];
+            let above = if row % n2 > 0 { &done[start - n3..][..n3] } else { &nothing[..] };
+            let outer = if row / n2 % n1 > 0 { &done[start - n3 * n2..][..n3] } else { &nothing[..] };
+            let sister = sister.map_or(&nothing[..], |sister| &sister[start..][..n3]);
+            let valid = &valid[start..][..n3];
+            // The two before on the row.
+            let (mut last, mut second) = (false, false);
+            for k in 0..n3 {
+                let context = usize::from(last)
+                    | usize::from(above[k]) << 1
+                    | usize::from(outer[k]) << 2
+                    | usize::from(sister[k]) << 3
+                    | usize::from(second) << 4;
+                line[k] = valid[k] && coder.bit(contexts + ZERO + context, line[k]);
+                (last, second) = (line[k], last);
             }
-            let (k, j, plane) = (i % n3, i / n3 % n2, i / (n3 * n2) % n1);
-            let context = usize::from(k > 0 && zeros[i - 1])
-                | usize::from(j > 0 && zeros[i - n3]) << 1
-                | usize::from(plane > 0 && zeros[i - n3 * n2]) << 2
-                | usize::from(sister.is_some_and(|s| s[i])) << 3
-                | usize::from(k > 1 && zeros[i - 2]) << 4;
-            zeros[i] = coder.bit(contexts + ZERO + context, zeros[i]);
         }
     }
 }

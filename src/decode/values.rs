@@ -55,8 +55,14 @@ impl Header {
         if let (ChannelTransform::Matrix(matrix), 3) = (&self.coding.transform, self.grid.channels().len()) {
             let eps = self.coding.eps as f32;
             self.level.run(OpponentRows { matrix, eps, components: &scratch.log, rows: &mut rows });
-            let places = rows.iter_mut().flat_map(|row| row.iter_mut());
-            places.zip(&scratch.zeros).filter(|(_, zero)| **zero).for_each(|(place, _)| place.put(0.0));
+            let mut zeros = &scratch.zeros[..];
+            for row in rows.iter_mut().filter(|_| !scratch.zeros.is_empty()) {
+                let (here, rest) = zeros.split_at(row.len());
+                if here.contains(&true) {
+                    row.iter_mut().zip(here).filter(|(_, zero)| **zero).for_each(|(place, _)| place.put(0.0));
+                }
+                zeros = rest;
+            }
             return;
         }
         self.to_channels(&mut scratch.log);

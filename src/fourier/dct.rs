@@ -138,12 +138,16 @@ fn bundle(table: &AxisTable, used: &Used, inner: usize, lines: &mut [f32], scrat
         lanes::<LANES>(table, used, inner, at, scratch, lines);
         at += LANES;
     }
+    if inner - at > FEW && inner >= LANES {
+        // Some of them once more, from the same source, rather than in steps of few.
+        lanes::<LANES>(table, used, inner, inner - LANES, scratch, lines);
+        return;
+    }
     while inner - at >= FEW {
         lanes::<FEW>(table, used, inner, at, scratch, lines);
         at += FEW;
     }
     if at < inner && inner >= FEW {
-        // Some of them once more: the same sums from the same source.
         lanes::<FEW>(table, used, inner, inner - FEW, scratch, lines);
         return;
     }
