@@ -5,7 +5,7 @@ use std::mem::MaybeUninit;
 use super::rebuild::{Header, Scratch};
 use super::table::copy_rows;
 use crate::channel::ChannelTransform;
-use crate::exact::exp32_lanes;
+use crate::exact::{LANES, exp32_lanes};
 use crate::simd::Task;
 use crate::tone::{inverse_tone_map, inverse_tone_maps};
 
@@ -54,7 +54,13 @@ impl Header {
     pub(super) fn values_in_rows<P: Place<f32>>(&self, scratch: &mut Scratch, mut rows: Vec<&mut [P]>) {
         if let (ChannelTransform::Matrix(matrix), 3) = (&self.coding.transform, self.grid.channels().len()) {
             let eps = self.coding.eps as f32;
-            self.level.run(OpponentRows { matrix, eps, components: &scratch.log, rows: &mut rows });
+            let long = rows.first().is_some_and(|row| row.len() >= LONG);
+            let (components, rows) = (&scratch.log[..], &mut rows[..]);
+            if long {
+                self.level.run(OpponentRows::<P, true> { matrix, eps, components, rows });
+            } else {
+                self.level.run(OpponentRows::<P, false> { matrix, eps, components, rows });
+            }
             let mut zeros = &scratch.zeros[..];
             for row in rows.iter_mut().filter(|_| !scratch.zeros.is_empty()) {
                 let (here, rest) = zeros.split_at(row.len());
@@ -97,7 +103,7 @@ impl Task for InverseToneMap<'_> {
 }
 
 /// Three components to values in the rows of a block, in one pass: the sums of [`ChannelTransform::inverse`].
-struct OpponentRows<'a, 'b, P> {
+struct OpponentRows<'a, 'b, P, const BY_CHANNEL: bool> {
     /// Of three channels.
     matrix: &'a [f32],
     eps: f32,
@@ -106,46 +112,62 @@ struct OpponentRows<'a, 'b, P> {
     rows: &'a mut [&'b mut [P]],
 }
 
-/// Positions that are done together at the end of a row.
-const FEW: usize = 8;
-
-impl<P: Place<f32>> Task for OpponentRows<'_, '_, P> {
+impl<P: Place<f32>, const BY_CHANNEL: bool> Task for OpponentRows<'_, '_, P, BY_CHANNEL> {
     #[inline(always)]
     fn run<const FUSED: bool>(self) {
         let OpponentRows { matrix, eps, components, rows } = self;
         let m: [f32; 9] = std::array::from_fn(|i| matrix[i]);
-        let (first, rest) = components.split_at(components.len() / 3);
-        let (second, third) = rest.split_at(first.len());
         let (red, rest) = rows.split_at_mut(rows.len() / 3);
         let (green, blue) = rest.split_at_mut(red.len());
-        let mut start = 0;
+        let (mut first, rest) = components.split_at(components.len() / 3);
+        let (mut second, mut third) = rest.split_at(first.len());
         for ((red, green), blue) in red.iter_mut().zip(green).zip(blue) {
             let len = red.len();
-            let from = [first, second, third].map(|plane| &plane[start..start + len]);
-            start += len;
-            let whole = if len < FEW { len } else { len / FEW * FEW };
-            let [x, y, z] = from.map(|plane| plane[..whole].iter());
-            let to = red[..whole].iter_mut().zip(&mut green[..whole]).zip(&mut blue[..whole]);
-            for (((r, g), b), ((x, y), z)) in to.zip(x.zip(y).zip(z)) {
+            // Closures over arrays would not be inlined.
+            let (x, y, z);
+            (x, first) = first.split_at(len);
+            (y, second) = second.split_at(len);
+            (z, third) = third.split_at(len);
+            let many = if BY_CHANNEL { len / LANES * LANES } else { 0 };
+            for at in (0..many).step_by(LANES) {
+                channels::<P, LANES>(&m, eps, [x, y, z], [red, green, blue], at);
+            }
+            let whole = if len >= FEW { len / FEW * FEW } else { len };
+            let from = x[many..whole].iter().zip(&y[many..whole]).zip(&z[many..whole]);
+            let to = red[many..whole].iter_mut().zip(&mut green[many..whole]).zip(&mut blue[many..whole]);
+            for (((r, g), b), ((x, y), z)) in to.zip(from) {
                 r.put(inverse_tone_map((x * m[0] + y * m[3]) + z * m[6], eps));
                 g.put(inverse_tone_map((x * m[1] + y * m[4]) + z * m[7], eps));
                 b.put(inverse_tone_map((x * m[2] + y * m[5]) + z * m[8], eps));
             }
             if whole < len {
-                // What is left over, with some once more: one position at a time would take a third of short rows' time.
-                let [x, y, z] = from.map(|plane| &plane[len - FEW..]);
-                for (c, row) in [&mut red[..], &mut green[..], &mut blue[..]].into_iter().enumerate() {
-                    let mut values = [0f32; FEW];
-                    for i in 0..FEW {
-                        values[i] = (x[i] * m[c] + y[i] * m[3 + c]) + z[i] * m[6 + c];
-                    }
-                    exp32_lanes(&mut values);
-                    row[len - FEW..]
-                        .iter_mut()
-                        .zip(values)
-                        .for_each(|(place, value)| place.put((value - eps).max(0.0)));
-                }
+                // Some of them once more: one position at a time would take a third of short rows' time.
+                channels::<P, FEW>(&m, eps, [x, y, z], [red, green, blue], len - FEW);
             }
+        }
+    }
+}
+
+/// Positions that are done together at the end of a row.
+const FEW: usize = 8;
+
+/// Positions from which channel after channel is faster, by 5 to 8 %. Short rows lie apart in memory, which takes stores in three
+/// places at a time better: a table of 60 positions a row is decoded 4 % slower otherwise.
+const LONG: usize = 256;
+
+/// The values of a row from a position on, channel after channel.
+#[inline(always)]
+fn channels<P: Place<f32>, const W: usize>(m: &[f32; 9], eps: f32, from: [&[f32]; 3], to: [&mut [P]; 3], at: usize) {
+    let [x, y, z] = from;
+    let (x, y, z) = (&x[at..at + W], &y[at..at + W], &z[at..at + W]);
+    for (c, to) in to.into_iter().enumerate() {
+        let mut values = [0f32; W];
+        for i in 0..W {
+            values[i] = (x[i] * m[c] + y[i] * m[3 + c]) + z[i] * m[6 + c];
+        }
+        exp32_lanes(&mut values);
+        for (place, value) in to[at..at + W].iter_mut().zip(values) {
+            place.put((value - eps).max(0.0));
         }
     }
 }
