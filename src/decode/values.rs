@@ -7,7 +7,7 @@ use super::table::copy_rows;
 use crate::channel::ChannelTransform;
 use crate::exact::{LANES, exp32_lanes};
 use crate::simd::Task;
-use crate::tone::{inverse_tone_map, inverse_tone_maps};
+use crate::tone::inverse_tone_maps;
 
 /// Memory that values are written to, be there one already or not.
 pub(super) trait Place<T> {
@@ -50,32 +50,53 @@ impl Header {
         &scratch.log
     }
 
-    /// BRDF values in all of the rows of a block, `[channel][row]`, from the components in the scratch.
+    /// BRDF values in all of the rows of a block, `[channel][row]` and of one length, from the components in the scratch.
     pub(super) fn values_in_rows<P: Place<f32>>(&self, scratch: &mut Scratch, mut rows: Vec<&mut [P]>) {
-        if let (ChannelTransform::Matrix(matrix), 3) = (&self.coding.transform, self.grid.channels().len()) {
-            let eps = self.coding.eps as f32;
-            let long = rows.first().is_some_and(|row| row.len() >= LONG);
-            let (components, rows) = (&scratch.log[..], &mut rows[..]);
-            if long {
-                self.level.run(OpponentRows::<P, true> { matrix, eps, components, rows });
-            } else {
-                self.level.run(OpponentRows::<P, false> { matrix, eps, components, rows });
+        let (ChannelTransform::Matrix(matrix), 3) = (&self.coding.transform, self.grid.channels().len()) else {
+            self.to_channels(&mut scratch.log);
+            scratch.hide_zeros();
+            return copy_rows(rows, self.values(scratch));
+        };
+        let (matrix, eps) = (&std::array::from_fn(|i| matrix[i]), self.coding.eps as f32);
+        let (per_channel, length) = (rows.len() / 3, rows.first().map_or(1, |row| row.len()));
+        // Who hands in memory without values relies on all of it being written.
+        assert!(rows.len() == 3 * per_channel && rows.iter().all(|row| row.len() == length), "rows of one length");
+        let count = (TOGETHER / length).max(1);
+        let mut values = [[0f32; TOGETHER]; 3];
+        let (red, rest) = rows.split_at_mut(per_channel);
+        let (green, blue) = rest.split_at_mut(per_channel);
+        let n = scratch.log.len() / 3;
+        let mut at = 0;
+        for ((red, green), blue) in red.chunks_mut(count).zip(green.chunks_mut(count)).zip(blue.chunks_mut(count)) {
+            let len = red.len() * length;
+            let from = [0, n, 2 * n].map(|plane| &scratch.log[plane + at..][..len]);
+            at += len;
+            if let ([red], [green], [blue]) = (&mut *red, &mut *green, &mut *blue) {
+                self.level.run(Opponent { matrix, eps, from, to: [red, green, blue] });
+                continue;
             }
-            let mut zeros = &scratch.zeros[..];
-            for row in rows.iter_mut().filter(|_| !scratch.zeros.is_empty()) {
-                let (here, rest) = zeros.split_at(row.len());
-                if here.contains(&true) {
-                    row.iter_mut().zip(here).filter(|(_, zero)| **zero).for_each(|(place, _)| place.put(0.0));
+            let [r, g, b] = &mut values;
+            self.level.run(Opponent { matrix, eps, from, to: [&mut r[..len], &mut g[..len], &mut b[..len]] });
+            for (rows, values) in [red, green, blue].into_iter().zip(&values) {
+                for (row, values) in rows.iter_mut().zip(values.chunks_exact(length)) {
+                    row.iter_mut().zip(values).for_each(|(place, value)| place.put(*value));
                 }
-                zeros = rest;
             }
-            return;
         }
-        self.to_channels(&mut scratch.log);
-        scratch.hide_zeros();
-        copy_rows(rows, self.values(scratch));
+        let mut zeros = &scratch.zeros[..];
+        for row in rows.iter_mut().filter(|_| !scratch.zeros.is_empty()) {
+            let (here, rest) = zeros.split_at(row.len());
+            if here.contains(&true) {
+                row.iter_mut().zip(here).filter(|(_, zero)| **zero).for_each(|(place, _)| place.put(0.0));
+            }
+            zeros = rest;
+        }
     }
 }
+
+/// Positions of which short rows are put together: their ends would be a third of the work, and memory takes many stores at once
+/// better than a few now and then.
+const TOGETHER: usize = 1024;
 
 struct ToChannels<'a> {
     transform: &'a ChannelTransform,
@@ -102,72 +123,54 @@ impl Task for InverseToneMap<'_> {
     }
 }
 
-/// Three components to values in the rows of a block, in one pass: the sums of [`ChannelTransform::inverse`].
-struct OpponentRows<'a, 'b, P, const BY_CHANNEL: bool> {
-    /// Of three channels.
-    matrix: &'a [f32],
+/// Three components to values, in one pass: the sums of [`ChannelTransform::inverse`].
+struct Opponent<'a, P> {
+    matrix: &'a [f32; 9],
     eps: f32,
-    components: &'a [f32],
-    /// `[channel][row]`.
-    rows: &'a mut [&'b mut [P]],
+    from: [&'a [f32]; 3],
+    to: [&'a mut [P]; 3],
 }
 
-impl<P: Place<f32>, const BY_CHANNEL: bool> Task for OpponentRows<'_, '_, P, BY_CHANNEL> {
+/// Positions that go together where few are left.
+const FEW: usize = 8;
+
+impl<P: Place<f32>> Task for Opponent<'_, P> {
     #[inline(always)]
-    fn run<const FUSED: bool>(self) {
-        let OpponentRows { matrix, eps, components, rows } = self;
-        let m: [f32; 9] = std::array::from_fn(|i| matrix[i]);
-        let (red, rest) = rows.split_at_mut(rows.len() / 3);
-        let (green, blue) = rest.split_at_mut(red.len());
-        let (mut first, rest) = components.split_at(components.len() / 3);
-        let (mut second, mut third) = rest.split_at(first.len());
-        for ((red, green), blue) in red.iter_mut().zip(green).zip(blue) {
-            let len = red.len();
-            // Closures over arrays would not be inlined.
-            let (x, y, z);
-            (x, first) = first.split_at(len);
-            (y, second) = second.split_at(len);
-            (z, third) = third.split_at(len);
-            let many = if BY_CHANNEL { len / LANES * LANES } else { 0 };
-            for at in (0..many).step_by(LANES) {
-                channels::<P, LANES>(&m, eps, [x, y, z], [red, green, blue], at);
-            }
-            let whole = if len >= FEW { len / FEW * FEW } else { len };
-            let from = x[many..whole].iter().zip(&y[many..whole]).zip(&z[many..whole]);
-            let to = red[many..whole].iter_mut().zip(&mut green[many..whole]).zip(&mut blue[many..whole]);
-            for (((r, g), b), ((x, y), z)) in to.zip(from) {
-                r.put(inverse_tone_map((x * m[0] + y * m[3]) + z * m[6], eps));
-                g.put(inverse_tone_map((x * m[1] + y * m[4]) + z * m[7], eps));
-                b.put(inverse_tone_map((x * m[2] + y * m[5]) + z * m[8], eps));
-            }
-            if whole < len {
-                // Some of them once more: one position at a time would take a third of short rows' time.
-                channels::<P, FEW>(&m, eps, [x, y, z], [red, green, blue], len - FEW);
-            }
+    fn run<const FUSED: bool>(mut self) {
+        let len = self.to[0].len();
+        let mut at = 0;
+        while len - at >= LANES {
+            self.convert::<LANES>(at);
+            at += LANES;
+        }
+        while len - at >= FEW {
+            self.convert::<FEW>(at);
+            at += FEW;
+        }
+        if at < len && len >= FEW {
+            // Some of them once more.
+            self.convert::<FEW>(len - FEW);
+        } else {
+            (at..len).for_each(|at| self.convert::<1>(at));
         }
     }
 }
 
-/// Positions that are done together at the end of a row.
-const FEW: usize = 8;
-
-/// Positions from which channel after channel is faster, by 5 to 8 %. Short rows lie apart in memory, which takes stores in three
-/// places at a time better: a table of 60 positions a row is decoded 4 % slower otherwise.
-const LONG: usize = 256;
-
-/// The values of a row from a position on, channel after channel.
-#[inline(always)]
-fn channels<P: Place<f32>, const W: usize>(m: &[f32; 9], eps: f32, from: [&[f32]; 3], to: [&mut [P]; 3], at: usize) {
-    let [x, y, z] = from;
-    let (x, y, z) = (&x[at..at + W], &y[at..at + W], &z[at..at + W]);
-    for (c, to) in to.into_iter().enumerate() {
-        let mut values = [0f32; W];
-        for i in 0..W {
-            values[i] = (x[i] * m[c] + y[i] * m[3 + c]) + z[i] * m[6 + c];
-        }
-        exp32_lanes(&mut values);
-        for (place, value) in to[at..at + W].iter_mut().zip(values) {
-            place.put((value - eps).max(0.0));
+impl<P: Place<f32>> Opponent<'_, P> {
+    /// Values from a position on, channel after channel: the exponentials of one in lockstep.
+    #[inline(always)]
+    fn convert<const W: usize>(&mut self, at: usize) {
+        let (m, [x, y, z]) = (self.matrix, self.from);
+        let (x, y, z) = (&x[at..at + W], &y[at..at + W], &z[at..at + W]);
+        for (c, to) in self.to.iter_mut().enumerate() {
+            let mut values = [0f32; W];
+            for i in 0..W {
+                values[i] = (x[i] * m[c] + y[i] * m[3 + c]) + z[i] * m[6 + c];
+            }
+            exp32_lanes(&mut values);
+            for (place, value) in to[at..at + W].iter_mut().zip(values) {
+                place.put((value - self.eps).max(0.0));
+            }
         }
     }
 }
