@@ -250,7 +250,8 @@ impl Partition {
     }
 
     /// Cuts planes of the grid into the rows of the blocks, by block: those of the first plane, then of the next, each in the
-    /// order of the block's positions; those that follow each other in the plane may be one. Threads can then fill blocks without waiting for each other. Every place is in a row.
+    /// order of the block's positions. Those that follow each other in the plane are one, so that all rows of a block have one length.
+    /// Every place is in a row. Threads can then fill blocks without waiting for each other.
     pub(crate) fn rows_by_block<'a, T>(&self, planes: &'a mut [T]) -> Vec<Vec<&'a mut [T]>> {
         let positions: usize = self.grid.iter().product();
         let row_count = |block: usize| {

@@ -136,27 +136,20 @@ impl Header {
         scratch.zeros.clear();
         if self.coding.zeros {
             let Scratch { masks, zeros, .. } = &mut *scratch;
-            let valid = |masks: &mut Vec<bool>| {
-                if masks.is_empty() {
-                    masks.extend(self.mask_model().predict(block));
-                }
-            };
-            code_zeros(
-                decoder,
-                ZEROS,
-                block.shape,
-                channels,
-                || {
-                    valid(masks);
-                    masks
-                },
-                zeros,
-            );
+            code_zeros(decoder, ZEROS, block.shape, channels, || self.told_or_predicted(block, masks), zeros);
         }
         scratch
             .walk
             .code(decoder, self.coding.quantization, block.shape, &mut scratch.coefficients, &mut scratch.extents)
             .map_err(|_| "an extent or a coefficient is out of range")
+    }
+
+    /// The masks, or those that the horizon predicts if they were left.
+    fn told_or_predicted<'a>(&self, block: &Block, masks: &'a mut Vec<bool>) -> &'a [bool] {
+        if masks.is_empty() {
+            masks.extend(self.mask_model().predict(block));
+        }
+        masks
     }
 
     pub(super) fn decode_masks(
