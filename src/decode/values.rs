@@ -174,3 +174,47 @@ impl<P: Place<f32>> Opponent<'_, P> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simd::Level;
+    use crate::tone::inverse_tone_map;
+
+    /// Rows that end anywhere within the lanes that go together, in memory with and without values.
+    #[test]
+    fn rows_of_every_length_are_those_of_one_position_after_the_other() {
+        let opponent = ChannelTransform::opponent();
+        let ChannelTransform::Matrix(m) = &opponent else { unreachable!() };
+        let matrix: &[f32; 9] = m.as_slice().try_into().unwrap();
+        let eps = 1e-3;
+        for len in (0..3 * LANES).chain([TOGETHER - 1, TOGETHER]) {
+            // Some so low that only eps is left, some beyond what a float holds.
+            let plane =
+                |c: usize| -> Vec<f32> { (0..len).map(|i| ((i * 37 + c * 11) % 101) as f32 * 1.9 - 95.0).collect() };
+            let planes = [plane(0), plane(1), plane(2)];
+            let from = [&planes[0][..], &planes[1][..], &planes[2][..]];
+            let expected: Vec<Vec<f32>> = (0..3)
+                .map(|c| {
+                    let log = |i: usize| (from[0][i] * m[c] + from[1][i] * m[3 + c]) + from[2][i] * m[6 + c];
+                    (0..len).map(|i| inverse_tone_map(log(i), eps)).collect()
+                })
+                .collect();
+            for level in [Level::baseline(), Level::detect()] {
+                let mut rows = [vec![f32::NAN; len], vec![f32::NAN; len], vec![f32::NAN; len]];
+                let [r, g, b] = &mut rows;
+                level.run(Opponent { matrix, eps, from, to: [r, g, b] });
+                assert_eq!(rows[..], expected, "{len}");
+                let mut places = [(); 3].map(|()| vec![MaybeUninit::uninit(); len]);
+                let [r, g, b] = &mut places;
+                level.run(Opponent { matrix, eps, from, to: [r, g, b] });
+                for (places, expected) in places.iter().zip(&expected) {
+                    // SAFETY: each was written to, or this test fails under Miri.
+                    #[allow(unsafe_code)]
+                    let written: Vec<f32> = places.iter().map(|place| unsafe { place.assume_init() }).collect();
+                    assert_eq!(&written, expected, "{len}");
+                }
+            }
+        }
+    }
+}
