@@ -250,8 +250,8 @@ impl Partition {
     }
 
     /// Cuts planes of the grid into the rows of the blocks, by block: those of the first plane, then of the next, each in the
-    /// order of the block's positions. Those that follow each other in the plane are one, so that all rows of a block have one length.
-    /// Every place is in a row. Threads can then fill blocks without waiting for each other.
+    /// order of the block's positions. Where a block is as long as the last axis, its rows along the axis before are one. All rows of a
+    /// block have one length, and every place is in a row. Threads can then fill blocks without waiting for each other.
     pub(crate) fn rows_by_block<'a, T>(&self, planes: &'a mut [T]) -> Vec<Vec<&'a mut [T]>> {
         let positions: usize = self.grid.iter().product();
         let row_count = |block: usize| {
@@ -307,7 +307,7 @@ impl Partition {
                 }
             }
         }
-        // No place is in two rows: that are as many as there are means all of them. Who writes to memory without values relies on it.
+        // Rows are disjoint, so that as many places as there are means all of them. Who hands in memory without values relies on it.
         assert_eq!(told, all, "blocks cover whole planes of the grid");
         blocks
     }

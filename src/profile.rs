@@ -59,8 +59,8 @@ type Lanes = [f32; LANES];
 /// Positions of a row that go together: a vector of AVX2.
 const STEP: usize = 8;
 
-/// Elevations along phi_d at a bin of theta_h and theta_d: what they have in common, and what its cosine times gives more to the
-/// sensor and less to the light.
+/// Elevations along phi_d at a bin of theta_h and theta_d: light's is `middle - swing * cos(phi_d)`, the sensor's
+/// `middle + swing * cos(phi_d)`.
 #[derive(Clone, Copy)]
 struct Row {
     middle: f32,
@@ -99,7 +99,7 @@ impl Profile {
         })
     }
 
-    /// None if the profile is zero on all of the row.
+    /// None only if the profile is zero on all of the row.
     #[inline(always)]
     fn row(&self, h: usize, d: usize) -> Option<Row> {
         let ((sin_h, cos_h), (sin_d, cos_d)) = (self.theta_h[h], self.theta_d[d]);
@@ -112,11 +112,12 @@ impl Profile {
     #[inline(always)]
     fn root(&self, elevation: f32) -> f32 {
         let last = (self.knots - 1) as f32;
-        let root = (if elevation > 0.0 { elevation } else { 0.0 } * self.scale).sqrt();
+        let above = if elevation > 0.0 { elevation } else { 0.0 };
+        let root = (above * self.scale).sqrt();
         if root < last { root } else { last }
     }
 
-    /// Roots of the elevations of light and of sensor along phi_d; none if the profile is zero on all of the row.
+    /// Roots of the elevations of light and of sensor along phi_d; none only if the profile is zero on all of the row.
     #[cfg(feature = "encode")]
     pub(crate) fn roots(&self, h: usize, d: usize) -> Option<[Vec<f32>; 2]> {
         let Row { middle, swing } = self.row(h, d)?;
@@ -136,6 +137,8 @@ impl Profile {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::grid::{Axis, Mapping};
+    use proptest::prelude::*;
 
     /// Tables that are all powers of the elevation's square root have a sum in closed form: between knots the interpolation
     /// of a line is the line.
@@ -174,6 +177,73 @@ mod tests {
             }
         }
         assert!(inside > n / 10 && inside < n, "{inside} of {n}");
+    }
+
+    /// Section 4.10 of the specification, position by position.
+    fn by_the_formula(grid: &Grid, knots: usize, zone: f32, tables: &[Vec<f32>; 4], block: &Block, values: &mut [f32]) {
+        let axes = grid.axes();
+        let scale = ((knots - 1) * (knots - 1)) as f32 / zone;
+        let n = block.positions();
+        for (p, at) in crate::block::positions(block.shape).enumerate() {
+            let bins: [usize; 3] = std::array::from_fn(|a| block.origin[1 + a] + at[1 + a]);
+            let [(sh, ch), (sd, cd), (_, c)] = std::array::from_fn(|a| sin_cos(axes[a].angle(bins[a] as f64 + 0.5)));
+            let (middle, swing, c) = ((ch * cd) as f32, (sh * sd) as f32, c as f32);
+            for component in 0..values.len() / n {
+                let side = |z: f32, sign: f32| {
+                    let u = (z.max(0.0) * scale).sqrt().min((knots - 1) as f32);
+                    let (k, f) = (u.floor() as usize, u - u.floor());
+                    let t = |e: usize| {
+                        let of = |t: usize| tables[t][(component * axes[t / 2].len + bins[t / 2]) * knots + e];
+                        if e + 1 >= knots { 0.0 } else { (of(0) + of(2)) + sign * (of(1) + of(3)) }
+                    };
+                    t(k) + (t(k + 1) - t(k)) * f
+                };
+                let (v0, v1) = (side(middle - swing * c, 1.0), side(middle + swing * c, -1.0));
+                values[component * n + p] += v0 + v1;
+            }
+        }
+    }
+
+    proptest! {
+        /// On grids of any angles, whatever is constant along a step.
+        #[test]
+        fn blocks_get_the_formulas_bits(
+            ends in prop::array::uniform3((-200f64..200.0, 10f64..400.0)), lens in prop::array::uniform3(1usize..30),
+            knots in prop_oneof![Just(2usize), 2usize..64, Just(64)], zone in prop_oneof![Just(1e-6f32), 1e-3f32..1.0, Just(1.0)],
+            components in 1usize..7, seed in any::<u64>(), cut in prop::array::uniform6(0f64..1.0)
+        ) {
+            let names = [AxisName::ThetaH, AxisName::ThetaD, AxisName::PhiD];
+            let axes = (0..3).map(|a| Axis {
+                name: names[a],
+                len: lens[a],
+                start: ends[a].0.to_radians(),
+                end: (ends[a].0 + ends[a].1).to_radians(),
+                mapping: if a == 0 { Mapping::Square } else { Mapping::Linear },
+            });
+            let channel = Grid::merl().channels()[0].clone();
+            let grid = Grid::new(axes.collect(), vec![channel; components]);
+            prop_assume!(grid.is_ok());
+            let grid = grid.unwrap();
+            let mut random = crate::sample::SplitMix64(seed);
+            let mut number = || (random.next_u64() >> 40) as f32 / 4096.0 - 2048.0;
+            let tables = [0, 0, 1, 1].map(|axis| (0..components * lens[axis] * knots).map(|_| number()).collect::<Vec<f32>>());
+            let mut block = Block { origin: [0; 4], shape: [1; 4] };
+            for a in 0..3 {
+                block.origin[1 + a] = (cut[a] * lens[a] as f64) as usize;
+                let left = lens[a] - block.origin[1 + a];
+                block.shape[1 + a] = 1 + (cut[3 + a] * left as f64) as usize % left;
+            }
+            let before: Vec<f32> = (0..components * block.positions()).map(|_| number()).collect();
+            let mut expected = before.clone();
+            by_the_formula(&grid, knots, zone, &tables, &block, &mut expected);
+            let profile = Profile::new(&grid, knots, zone, tables).unwrap();
+            for level in [Level::baseline(), Level::detect()] {
+                let mut values = before.clone();
+                profile.add(level, &block, &mut values);
+                let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+                prop_assert_eq!(bits(&values), bits(&expected));
+            }
+        }
     }
 
     #[test]

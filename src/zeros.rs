@@ -18,7 +18,8 @@ const ZERO: usize = ALL_ZERO + STATES;
 /// Number of contexts for zeros.
 pub(crate) const CONTEXTS: usize = ZERO + 32;
 
-/// Codes which of a block's valid entries are zero, `[channel][position]`; empty if none is, as a decoder leaves it then.
+/// Codes which of a block's valid entries are zero, `[channel][position]`, of no others; empty stands for none, and is what a decoder
+/// leaves where the stream says so.
 /// `masks` is the validity of all channels, or of each; nobody asks for it where nothing is zero.
 pub(crate) fn code_zeros<'a, C: Coder>(
     coder: &mut C,

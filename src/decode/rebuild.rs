@@ -64,7 +64,7 @@ pub struct Scratch {
     class: ValidityClass,
     /// Empty where the class says enough and the values do not depend on them.
     pub(crate) masks: Vec<bool>,
-    /// Exact zeros, `[channel][position]`; empty if the block has none.
+    /// Exact zeros, `[channel][position]`; empty if the record says that the block has none.
     pub(crate) zeros: Vec<bool>,
     /// Log values, `[channel][position]`.
     pub(crate) log: Buffer<f32>,

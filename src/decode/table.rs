@@ -21,7 +21,7 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
     pub fn decode_all(&self) -> Result<Vec<f32>> {
         let size = self.check_table_size()?;
         if self.has_short_rows() {
-            let mut values = vec![0.0; size];
+            let mut values = zeroed(size);
             self.decode_all_into(&mut values)?;
             return Ok(values);
         }
@@ -31,7 +31,8 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
         crate::map::ask_for_large_pages(places);
         let rows = self.partition().rows_by_block(places);
         for_each_block(self.partition(), rows, |scratch, block, rows| self.values_in_rows(block, scratch, rows))?;
-        // SAFETY: the first `size` places are all in some block's rows, and without an error every block was written to all of its rows.
+        // SAFETY: the first `size` places are all in some block's rows (`rows_by_block`), and without an error every block (`for_each_block`)
+        // was written to all of its rows (`values_in_rows`).
         unsafe { values.set_len(size) };
         Ok(values)
     }
@@ -207,6 +208,8 @@ pub(super) fn for_each_block<T: Send>(
     use rayon::prelude::*;
     let count = blocks.len();
     let mut queue: Vec<_> = partition.sizes().zip(blocks.into_iter().enumerate()).collect();
+    // Who hands in memory without values relies on it.
+    assert_eq!(queue.len(), count, "a size for each block");
     queue.sort_by_key(|(size, _)| std::cmp::Reverse(*size));
     let queue = std::sync::Mutex::new(queue.into_iter());
     let next = || queue.lock().unwrap_or_else(std::sync::PoisonError::into_inner).next();

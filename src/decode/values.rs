@@ -94,8 +94,8 @@ impl Header {
     }
 }
 
-/// Positions of which short rows are put together: their ends would be a third of the work, and memory takes many stores at once
-/// better than a few now and then.
+/// Short rows are converted together, as many as have so many positions, and copied out: what is left over at the end of each would
+/// be a third of the work, and memory takes many stores at once better than a few now and then.
 const TOGETHER: usize = 1024;
 
 struct ToChannels<'a> {
@@ -205,7 +205,8 @@ mod tests {
                 let mut rows = [vec![f32::NAN; len], vec![f32::NAN; len], vec![f32::NAN; len]];
                 let [r, g, b] = &mut rows;
                 level.run(Opponent { matrix, eps, from, to: [r, g, b] });
-                assert_eq!(rows[..], expected, "{len}");
+                let bits = |row: &Vec<f32>| row.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+                assert!(rows.iter().map(bits).eq(expected.iter().map(bits)), "{len}");
                 let mut places = [(); 3].map(|()| vec![MaybeUninit::uninit(); len]);
                 let [r, g, b] = &mut places;
                 level.run(Opponent { matrix, eps, from, to: [r, g, b] });

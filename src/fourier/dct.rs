@@ -148,6 +148,7 @@ fn bundle(table: &AxisTable, used: &Used, inner: usize, lines: &mut [f32], scrat
         at += FEW;
     }
     if at < inner && inner >= FEW {
+        // Likewise.
         lanes::<FEW>(table, used, inner, inner - FEW, scratch, lines);
         return;
     }
