@@ -231,7 +231,7 @@ pub(super) fn for_each_block<T>(
 }
 
 /// Copies the values of a block into its rows.
-pub(super) fn copy_rows<T: Copy, P: Place<T>>(rows: Vec<&mut [P]>, values: &[T]) {
+pub(super) fn copy_rows<'a, T: Copy, P: Place<T> + 'a>(rows: impl IntoIterator<Item = &'a mut [P]>, values: &[T]) {
     let mut left = values;
     for row in rows {
         let (values, rest) = left.split_at(row.len());

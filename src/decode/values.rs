@@ -78,9 +78,7 @@ impl Header {
             let [r, g, b] = &mut values;
             self.level.run(Opponent { matrix, eps, from, to: [&mut r[..len], &mut g[..len], &mut b[..len]] });
             for (rows, values) in [red, green, blue].into_iter().zip(&values) {
-                for (row, values) in rows.iter_mut().zip(values.chunks_exact(length)) {
-                    row.iter_mut().zip(values).for_each(|(place, value)| place.put(*value));
-                }
+                copy_rows(rows.iter_mut().map(|row| &mut **row), &values[..]);
             }
         }
         let mut zeros = &scratch.zeros[..];
