@@ -5,6 +5,10 @@
 //! magnitude, its sign. The contexts are magnitudes already coded: lower frequencies along each axis, and the same
 //! place in the channel before. The coefficient at index 0 is kept in the file's index.
 
+mod surroundings;
+
+pub(crate) use self::surroundings::WIDTH;
+use self::surroundings::{Neighbours, Step, quarters};
 use crate::dependent::{Quantization, State};
 use crate::fourier::Extents;
 use crate::range::Coder;
@@ -16,9 +20,6 @@ pub(crate) const MAX_MAGNITUDE: u32 = 1 << 24;
 
 /// Channels beyond this share their contexts.
 const CHANNEL_CLASSES: usize = 3;
-const LEVELS: usize = 12;
-const POSITIONS: usize = 4;
-const SISTERS: usize = 3;
 /// Magnitudes less one have at most 24 bits.
 const EXPONENTS: usize = 25;
 /// Contexts that each part of a number takes.
@@ -29,7 +30,7 @@ const ANY: usize = 0;
 const EXTENT: usize = ANY + CHANNEL_CLASSES;
 const ROW: usize = EXTENT + CHANNEL_CLASSES * 4 * 16;
 pub(crate) const SIGNIFICANT: usize = ROW + CHANNEL_CLASSES * 3 * 3 * 3;
-const EXPONENT: usize = SIGNIFICANT + CHANNEL_CLASSES * SISTERS * POSITIONS * LEVELS;
+const EXPONENT: usize = SIGNIFICANT + CHANNEL_CLASSES * surroundings::CONTEXTS;
 const MANTISSA: usize = EXPONENT + CHANNEL_CLASSES * MAGNITUDE_LEVELS * EXPONENTS;
 /// Number of contexts for coefficients, but those for states of odd multiples.
 pub(crate) const CONTEXTS: usize = MANTISSA + EXPONENTS;
@@ -38,25 +39,6 @@ pub(crate) const CONTEXTS: usize = MANTISSA + EXPONENTS;
 pub(crate) const SIGNIFICANT_ODD: usize = 1633;
 /// Number of contexts from there.
 pub(crate) const ODD_CONTEXTS: usize = EXPONENT - SIGNIFICANT;
-
-/// Level of a weighted sum of neighbouring magnitudes, 0 to 11.
-const fn level_table() -> [u8; 256] {
-    let mut table = [0; 256];
-    let mut i = 0;
-    while i < 256 {
-        table[i] = match i {
-            0..=6 => i as u8,
-            7..=8 => 7,
-            9..=11 => 8,
-            12..=16 => 9,
-            17..=28 => 10,
-            _ => 11,
-        };
-        i += 1;
-    }
-    table
-}
-static LEVEL: [u8; 256] = level_table();
 
 /// Chooses the integers of a row just before they are coded.
 pub(crate) trait Rows {
@@ -77,7 +59,9 @@ pub(crate) struct Row<'a> {
     walk: &'a Walk,
     /// Place of the row's first position in the padded magnitudes.
     start: usize,
-    neighbours: &'a Neighbours,
+    neighbours: Neighbours,
+    /// Sum of the frequencies along the axes before.
+    frequency: usize,
     pub(crate) channel: usize,
     /// Place of the row's first position in the channel.
     pub(crate) position: usize,
@@ -87,45 +71,11 @@ pub(crate) struct Row<'a> {
     pub(crate) any: usize,
 }
 
-/// What the contexts of a coefficient depend on, but for those before it on its row.
-#[derive(Clone, Copy)]
-pub(crate) struct Surroundings {
-    class: usize,
-    place: usize,
-    /// Weighted sum of the neighbours' magnitudes on rows coded before.
-    sum: u32,
-    /// Magnitude at the same place in the channel before.
-    sister: u32,
-}
-
 impl Row<'_> {
+    /// What is known of its coefficients from one on.
     #[cfg(feature = "encode")]
-    pub(crate) fn surroundings(&self, l: usize) -> Surroundings {
-        self.walk.surroundings(self.channel, self.start + l, l, self.neighbours)
-    }
-}
-
-impl Surroundings {
-    /// The same with the two magnitudes before on the row.
-    #[inline(always)]
-    pub(crate) fn after(self, one: u32, two: u32) -> Surroundings {
-        Surroundings { sum: self.sum + 2 * one + two, ..self }
-    }
-
-    /// Context of whether the coefficient is nonzero.
-    #[inline(always)]
-    pub(crate) fn significant(&self, state: State) -> usize {
-        let base = if state.is_odd() { SIGNIFICANT_ODD } else { SIGNIFICANT };
-        let level = usize::from(LEVEL[self.sum.min(255) as usize]);
-        base + ((self.class * SISTERS + self.sister.min(2) as usize) * POSITIONS + self.place) * LEVELS + level
-    }
-
-    /// First context of its magnitude.
-    #[inline(always)]
-    pub(crate) fn exponents(&self) -> usize {
-        let sum = (self.sum + 3 * self.sister).min(255) as usize;
-        let level = usize::from(LEVEL[sum]).saturating_sub(3).min(MAGNITUDE_LEVELS - 1);
-        EXPONENT + (self.class * MAGNITUDE_LEVELS + level) * EXPONENTS
+    pub(crate) fn step(&self, l: usize) -> Step {
+        self.walk.step(self.channel, self.start + l, self.neighbours, self.frequency + l)
     }
 }
 
@@ -153,7 +103,8 @@ impl Coded {
     fn reserve(&mut self, rows: usize, length: usize) {
         self.clear();
         self.rows.resize(rows.max(self.rows.len()), 0);
-        self.magnitudes.resize((rows * length).max(self.magnitudes.len()), 0);
+        // A step may read beyond the last.
+        self.magnitudes.resize((rows * length + WIDTH + 1).max(self.magnitudes.len()), 0);
     }
 }
 
@@ -163,6 +114,8 @@ pub(crate) struct Walk {
     now: Coded,
     /// Of the channel before.
     sister: Coded,
+    /// Quarter of each sum of frequencies.
+    quarters: Vec<u8>,
 }
 
 /// A decoded extent or magnitude that no coded block holds.
@@ -204,14 +157,18 @@ impl Walk {
                 std::mem::swap(&mut self.now, &mut self.sister);
                 self.now.clear();
             }
-            extents.push(match quantization {
-                Quantization::Scalar => self.channel::<_, false>(coder, channel, shape, plane, rows)?,
-                Quantization::Dependent => self.channel::<_, true>(coder, channel, shape, plane, rows)?,
-            });
+            let mut held = std::mem::take(coder);
+            let coded = match quantization {
+                Quantization::Scalar => self.channel::<_, false>(&mut held, channel, shape, plane, rows),
+                Quantization::Dependent => self.channel::<_, true>(&mut held, channel, shape, plane, rows),
+            };
+            *coder = held;
+            extents.push(coded?);
         }
         Ok(())
     }
 
+    #[inline(always)]
     fn channel<C: Coder, const DEPENDENT: bool>(
         &mut self,
         coder: &mut C,
@@ -233,6 +190,8 @@ impl Walk {
         let [_, n1, n2, n3] = shape;
         let row_len = n3 + 3;
         let rows = [(n1 + 1) * (n2 + 2), n2 + 2];
+        let neighbours = Neighbours { above: row_len, before: rows[1] * row_len, outer: rows[0] * row_len };
+        quarters(extents, &mut self.quarters);
         for i in 0..extents[0] {
             for j in 0..extents[1] {
                 for k in 0..extents[2] {
@@ -248,16 +207,18 @@ impl Walk {
                         + ((class * 3 + usize::from(near)) * 3 + usize::from(around)) * 3
                         + usize::from(self.sister.rows[row] + u8::from(channel == 0) * 2);
                     let line = &mut line[..extents[3]];
-                    let neighbours = &Neighbours {
-                        above: row_len,
-                        before: rows[1] * row_len,
-                        outer: rows[0] * row_len,
-                        frequency: 4 * (i + j + k),
-                        total: extents[0] + extents[1] + extents[2] + extents[3],
-                    };
+                    let frequency = i + j + k;
                     let at = row * row_len + 2;
-                    let about =
-                        Row { walk: self, start: at, neighbours, channel, position: start, first, any: context };
+                    let about = Row {
+                        walk: self,
+                        start: at,
+                        neighbours,
+                        frequency,
+                        channel,
+                        position: start,
+                        first,
+                        any: context,
+                    };
                     chooser.choose(&about, line);
                     if C::READS {
                         line.fill(0);
@@ -268,7 +229,7 @@ impl Walk {
                     }
                     self.now.rows[row] = 1;
                     self.now.touched.push((row, at..at + line.len()));
-                    self.row::<_, DEPENDENT>(coder, channel, line, first, at, neighbours)?;
+                    self.row::<_, DEPENDENT>(coder, channel, line, first, at, neighbours, frequency)?;
                 }
             }
         }
@@ -283,60 +244,49 @@ impl Walk {
         line: &mut [i32],
         first: usize,
         start: usize,
-        n: &Neighbours,
+        neighbours: Neighbours,
+        frequency: usize,
     ) -> Result<(), OutOfRange> {
         let mut state = State::default();
-        for (l, place) in line.iter_mut().enumerate().skip(first) {
-            let at = start + l;
-            let before = [at - 1, at - 2].map(|before| u32::from(self.now.magnitudes[before]));
-            let surroundings = self.surroundings(channel, at, l, n).after(before[0], before[1]);
-            let q = *place;
-            if !coder.bit(surroundings.significant(state), q != 0) {
-                if DEPENDENT {
-                    state = state.after(0);
+        // Magnitudes of the two before.
+        let mut before = [0; 2];
+        let (mut from, mut skipped) = (0, first);
+        for line in line.chunks_mut(WIDTH) {
+            let step = self.step(channel, start + from, neighbours, frequency + from);
+            for (i, place) in line.iter_mut().enumerate().skip(skipped) {
+                let q = *place;
+                if !coder.bit(step.significant(i, before, state), q != 0) {
+                    before = [0, before[0]];
+                    if DEPENDENT {
+                        state = state.after(0);
+                    }
+                    continue;
                 }
-                continue;
+                let told = if DEPENDENT { state.index(q.unsigned_abs()) } else { q.unsigned_abs() };
+                let index = 1 + code_number(coder, step.exponents(i, before), MANTISSA, told.wrapping_sub(1))?;
+                let magnitude = if DEPENDENT { state.magnitude(index) } else { index };
+                if magnitude > MAX_MAGNITUDE {
+                    return Err(OutOfRange);
+                }
+                let negative = coder.raw(u32::from(q < 0), 1) == 1;
+                *place = if negative { -(magnitude as i32) } else { magnitude as i32 };
+                before = [index.min(255), before[0]];
+                self.now.magnitudes[start + from + i] = before[0] as u8;
+                if DEPENDENT {
+                    state = state.after(index);
+                }
             }
-            let told = if DEPENDENT { state.index(q.unsigned_abs()) } else { q.unsigned_abs() };
-            let index = 1 + code_number(coder, surroundings.exponents(), MANTISSA, told.wrapping_sub(1))?;
-            let magnitude = if DEPENDENT { state.magnitude(index) } else { index };
-            if magnitude > MAX_MAGNITUDE {
-                return Err(OutOfRange);
-            }
-            let negative = coder.raw(u32::from(q < 0), 1) == 1;
-            *place = if negative { -(magnitude as i32) } else { magnitude as i32 };
-            self.now.magnitudes[at] = index.min(255) as u8;
-            if DEPENDENT {
-                state = state.after(index);
-            }
+            (from, skipped) = (from + WIDTH, 0);
         }
         Ok(())
     }
 
-    /// Of a coefficient, by its place in the padded magnitudes and on its row.
+    /// Of the coefficients from a place in the padded magnitudes on, the sum of the frequencies of the first.
     #[inline(always)]
-    fn surroundings(&self, channel: usize, at: usize, l: usize, n: &Neighbours) -> Surroundings {
-        let m = |offset: usize| u32::from(self.now.magnitudes[offset]);
-        Surroundings {
-            class: channel.min(CHANNEL_CLASSES - 1),
-            place: ((n.frequency + 4 * l) / n.total).min(POSITIONS - 1),
-            sum: 2 * (m(at - n.above) + m(at - n.before))
-                + m(at - n.above + 1)
-                + m(at - n.before + 1)
-                + m(at - n.before + n.above)
-                + m(at - n.outer),
-            sister: u32::from(self.sister.magnitudes[at]),
-        }
+    fn step(&self, channel: usize, at: usize, neighbours: Neighbours, frequency: usize) -> Step {
+        let class = channel.min(CHANNEL_CLASSES - 1);
+        Step::new(class, &self.now, &self.sister, at, neighbours, &self.quarters[frequency..])
     }
-}
-
-/// Offsets to the neighbouring rows in the padded magnitudes, and the row's place among the frequencies.
-struct Neighbours {
-    above: usize,
-    before: usize,
-    outer: usize,
-    frequency: usize,
-    total: usize,
 }
 
 /// Extents of the nonzero coefficients, the first one left aside.
@@ -355,6 +305,7 @@ pub(crate) fn find_extents(shape: [usize; 4], plane: &[i32]) -> Extents {
     extents
 }
 
+#[inline(always)]
 /// A number below `n`: its upper four bits in a tree of 16 contexts, the rest raw.
 fn code_below<C: Coder>(coder: &mut C, contexts: usize, n: usize, value: usize) -> Result<usize, OutOfRange> {
     let bits = usize::BITS - (n - 1).leading_zeros();
@@ -369,6 +320,7 @@ fn code_below<C: Coder>(coder: &mut C, contexts: usize, n: usize, value: usize) 
     if number < n { Ok(number) } else { Err(OutOfRange) }
 }
 
+#[inline(always)]
 /// A number from 0: the count of its bits in unary, the second-highest bit under a context of its own, the rest raw.
 pub(crate) fn code_number<C: Coder>(
     coder: &mut C,

@@ -49,6 +49,7 @@ impl MaskModel {
     /// Codes masks `[mask][position]` of a block; a decoder overwrites what it is given.
     pub(crate) fn code<C: Coder>(&self, coder: &mut C, contexts: usize, block: &Block, masks: &mut [bool]) {
         let bands = self.bands(block);
+        let mut held = std::mem::take(coder);
         let n = block.positions();
         let [_, _, n2, n3] = block.shape;
         for m in 0..masks.len() / n {
@@ -69,11 +70,12 @@ impl MaskModel {
                         + usize::from(left.unwrap_or(predicted)) * 4
                         + usize::from(known(above)) * 2
                         + usize::from(known(sister));
-                    line[k] = coder.bit(contexts + context, line[k]);
+                    line[k] = held.bit(contexts + context, line[k]);
                     left = Some(line[k]);
                 }
             }
         }
+        *coder = held;
     }
 }
 

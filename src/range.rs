@@ -3,8 +3,10 @@
 //! One walk over the data serves both directions: code is written once against [`Coder`], whose decoder ignores
 //! the value that it is given and returns the one in the stream.
 
-/// Codes decisions under adaptive contexts.
-pub(crate) trait Coder {
+/// Codes decisions under adaptive contexts. A loop over many holds its coder by value, the default in its place meanwhile: behind a
+/// reference each decision would wait for the numbers of the one before to be stored, since nobody can tell that the states are
+/// elsewhere.
+pub(crate) trait Coder: Default {
     /// Whether it is a decoder: the values that it is given mean nothing.
     const READS: bool = false;
     /// One decision under context `context`.
@@ -32,14 +34,16 @@ const FAST: u32 = 4;
 const SLOW: u32 = 7;
 
 impl State {
+    /// No file has a probability of zero.
     fn new(probability: u16) -> State {
-        State { fast: probability, slow: probability }
+        let at_least_one = probability.max(1);
+        State { fast: at_least_one, slow: at_least_one }
     }
 
-    /// Probability of a one, 1 to 65535 out of 65536.
+    /// Probability of a one, 1 to 65535 out of 65536: steps down are rounded down, so that no estimate falls below 1.
     #[inline(always)]
     fn probability(self) -> u32 {
-        ((u32::from(self.fast) + u32::from(self.slow)) >> 1).max(1)
+        (u32::from(self.fast) + u32::from(self.slow)) >> 1
     }
 
     #[inline(always)]
@@ -74,6 +78,7 @@ fn states(probabilities: &[u16]) -> Vec<State> {
 }
 
 /// Reads decisions from a record; past its end it reads zeros.
+#[derive(Default)]
 pub(crate) struct Decoder<'a> {
     states: Vec<State>,
     data: &'a [u8],
@@ -177,6 +182,7 @@ mod encoder {
     use super::{Coder, State, states};
 
     /// Writes decisions; the inverse of [`super::Decoder`].
+    #[derive(Default)]
     pub(crate) struct Encoder {
         states: Vec<State>,
         low: u64,
@@ -258,7 +264,7 @@ mod encoder {
     }
 
     /// Counts decisions by context: trains the file's probabilities and estimates sizes.
-    #[derive(Clone)]
+    #[derive(Clone, Default)]
     pub(crate) struct Counter {
         pub(crate) counts: Vec<[u32; 2]>,
         pub(crate) raw_bits: u64,
@@ -312,7 +318,7 @@ mod encoder {
     }
 
     /// Adds up what decisions cost at fixed probabilities.
-    #[derive(Clone)]
+    #[derive(Clone, Default)]
     pub(crate) struct Costs {
         /// Bits of a zero and of a one, by context.
         bits: Vec<[f32; 2]>,

@@ -63,6 +63,7 @@ pub(crate) fn code_zeros<'a, C: Coder>(
             continue;
         }
         before = SOME;
+        let mut held = std::mem::take(coder);
         for row in 0..n / n3 {
             let start = row * n3;
             let (done, line) = zeros.split_at_mut(start);
@@ -79,10 +80,11 @@ pub(crate) fn code_zeros<'a, C: Coder>(
                     | usize::from(outer[k]) << 2
                     | usize::from(sister[k]) << 3
                     | usize::from(second) << 4;
-                line[k] = valid[k] && coder.bit(contexts + ZERO + context, line[k]);
+                line[k] = valid[k] && held.bit(contexts + ZERO + context, line[k]);
                 (last, second) = (line[k], last);
             }
         }
+        *coder = held;
     }
 }
 

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::blocks::Quantized;
 use crate::decode::CONTEXTS;
 use crate::dependent::{Quantization, STATES, State};
-use crate::entropy::{MAX_MAGNITUDE, ODD_CONTEXTS, Row, Rows, SIGNIFICANT, SIGNIFICANT_ODD, Walk, price_number};
+use crate::entropy::{MAX_MAGNITUDE, ODD_CONTEXTS, Row, Rows, SIGNIFICANT, SIGNIFICANT_ODD, WIDTH, Walk, price_number};
 use crate::quantize::quantize_mean;
 use crate::range::{Costs, Counter};
 
@@ -147,10 +147,14 @@ impl Rows for Trellis<'_> {
         let mut nothing = price(self.costs.of(row.any, false));
         self.ways.clear();
         self.ways.resize(line.len(), [(State::default(), 0); STATES]);
+        let mut step = row.step(0);
         for (l, value) in values.iter().enumerate().skip(row.first) {
             let magnitude = value.abs() * scale;
             nothing += magnitude * magnitude;
-            let around = row.surroundings(l);
+            if l % WIDTH == 0 {
+                step = row.step(l);
+            }
+            let i = l % WIDTH;
             let mut next = [NONE; STATES];
             for (state, path) in State::all().into_iter().zip(&paths).filter(|(_, path)| path.cost < f32::INFINITY) {
                 let mut offer = |index: u32, error: f32, bits: f32| {
@@ -161,8 +165,7 @@ impl Rows for Trellis<'_> {
                         self.ways[l][to.number()] = (state, index);
                     }
                 };
-                let surroundings = around.after(path.before[0], path.before[1]);
-                let significant = surroundings.significant(state);
+                let significant = step.significant(i, path.before, state);
                 offer(0, magnitude, self.costs.of(significant, false));
                 // The multiples on both sides of the value.
                 let below = state.index(magnitude as u32);
@@ -171,7 +174,7 @@ impl Rows for Trellis<'_> {
                     let sign = 1.0;
                     let bits = self.costs.of(significant, true)
                         + sign
-                        + price_number(self.costs, surroundings.exponents(), index - 1);
+                        + price_number(self.costs, step.exponents(i, path.before), index - 1);
                     offer(index, error, bits);
                 }
             }
