@@ -5,18 +5,22 @@
 //! magnitude, its sign. The contexts are magnitudes already coded: lower frequencies along each axis, and the same
 //! place in the channel before. The coefficient at index 0 is kept in the file's index.
 
+mod coefficients;
 mod surroundings;
 
+pub(crate) use self::coefficients::Coefficients;
 pub(crate) use self::surroundings::WIDTH;
 use self::surroundings::{Neighbours, Step, quarters};
 use crate::dependent::{Quantization, State};
-use crate::fourier::Extents;
-use crate::range::Coder;
 #[cfg(feature = "encode")]
 use crate::range::Costs;
+use crate::range::{Coder, Decoder};
 
 /// Largest magnitude of a quantised coefficient.
 pub(crate) const MAX_MAGNITUDE: u32 = 1 << 24;
+
+/// Along each axis, the coefficients at this index and beyond are zero.
+pub(crate) type Extents = [usize; 4];
 
 /// Channels beyond this share their contexts.
 const CHANNEL_CLASSES: usize = 3;
@@ -40,42 +44,78 @@ pub(crate) const SIGNIFICANT_ODD: usize = 1633;
 /// Number of contexts from there.
 pub(crate) const ODD_CONTEXTS: usize = EXPONENT - SIGNIFICANT;
 
-/// Chooses the integers of a row just before they are coded.
+/// The integers of a channel.
 pub(crate) trait Rows {
-    /// The integers from [`Row::first`] on are to be chosen.
-    fn choose(&mut self, row: &Row, line: &mut [i32]);
+    /// Their extents, the first integer left aside; of a decoder's nobody asks.
+    fn extents(&self, shape: [usize; 4]) -> Extents;
+    /// Told of a row just before it is coded: those integers may be chosen yet.
+    #[inline(always)]
+    fn choose(&mut self, _: &Around, _length: usize) {}
+    /// The one at a position; of a decoder's nobody asks.
+    fn get(&self, position: usize) -> i32;
+    /// Told of what a decoder finds that is not zero.
+    #[inline(always)]
+    fn find(&mut self, _position: usize, _q: i32) {}
 }
 
-/// The integers stay what they are.
-struct AsGiven;
+/// Coded as they are.
+impl Rows for &[i32] {
+    fn extents(&self, shape: [usize; 4]) -> Extents {
+        find_extents(shape, self)
+    }
 
-impl Rows for AsGiven {
     #[inline(always)]
-    fn choose(&mut self, _: &Row, _: &mut [i32]) {}
+    fn get(&self, position: usize) -> i32 {
+        self[position]
+    }
+}
+
+/// To be found.
+impl Rows for Coefficients {
+    fn extents(&self, _: [usize; 4]) -> Extents {
+        [0; 4]
+    }
+
+    #[inline(always)]
+    fn get(&self, _: usize) -> i32 {
+        0
+    }
+
+    #[inline(always)]
+    fn find(&mut self, position: usize, q: i32) {
+        self.push(position, q);
+    }
 }
 
 /// A row about to be coded, and what is known of its surroundings.
-pub(crate) struct Row<'a> {
+pub(crate) struct Around<'a> {
+    #[cfg_attr(not(feature = "encode"), expect(dead_code, reason = "decoders choose nothing"))]
     walk: &'a Walk,
-    /// Place of the row's first position in the padded magnitudes.
+    pub(crate) row: Row,
+}
+
+/// A row of coefficients along the last axis.
+#[derive(Clone, Copy)]
+pub(crate) struct Row {
+    pub(crate) channel: usize,
+    /// Place of the first in the channel.
+    pub(crate) position: usize,
+    /// First index that is coded with it.
+    pub(crate) first: usize,
+    /// Context of whether it holds any nonzero.
+    pub(crate) any: usize,
+    /// Place of the first in the padded magnitudes.
     start: usize,
     neighbours: Neighbours,
     /// Sum of the frequencies along the axes before.
     frequency: usize,
-    pub(crate) channel: usize,
-    /// Place of the row's first position in the channel.
-    pub(crate) position: usize,
-    /// First index of the row that is coded with it.
-    pub(crate) first: usize,
-    /// Context of whether the row holds any nonzero.
-    pub(crate) any: usize,
 }
 
-impl Row<'_> {
-    /// What is known of its coefficients from one on.
-    #[cfg(feature = "encode")]
+#[cfg(feature = "encode")]
+impl Around<'_> {
+    /// What is known of the coefficients from one on.
     pub(crate) fn step(&self, l: usize) -> Step {
-        self.walk.step(self.channel, self.start + l, self.neighbours, self.frequency + l)
+        self.walk.step(self.row, l)
     }
 }
 
@@ -123,138 +163,148 @@ pub(crate) struct Walk {
 pub(crate) struct OutOfRange;
 
 impl Walk {
-    /// Codes the coefficients of all channels, `[channel][position]`; a decoder writes those below the extents and leaves the
-    /// others alone. Gives each channel's extents (all zero for none), the first coefficient left aside.
-    pub(crate) fn code<C: Coder>(
+    /// Codes the coefficients of all channels, `[channel][position]`, but the first of each.
+    #[cfg(feature = "encode")]
+    pub(crate) fn code(
         &mut self,
-        coder: &mut C,
+        coder: &mut impl Coder,
         quantization: Quantization,
         shape: [usize; 4],
-        coefficients: &mut [i32],
-        extents: &mut Vec<Extents>,
+        planes: &[i32],
     ) -> Result<(), OutOfRange> {
-        self.code_rows(coder, quantization, shape, coefficients, extents, &mut AsGiven)
+        self.code_rows(coder, quantization, shape, planes.chunks_exact(shape.iter().product()))
     }
 
-    /// The same of coefficients that are chosen row by row; those given tell the extents.
-    pub(crate) fn code_rows<C: Coder>(
+    /// The same of channels whose coefficients may be chosen row by row.
+    #[cfg(feature = "encode")]
+    pub(crate) fn code_rows(
         &mut self,
-        coder: &mut C,
+        coder: &mut impl Coder,
         quantization: Quantization,
         shape: [usize; 4],
-        coefficients: &mut [i32],
-        extents: &mut Vec<Extents>,
-        rows: &mut impl Rows,
+        channels: impl Iterator<Item = impl Rows>,
     ) -> Result<(), OutOfRange> {
-        let [n0, n1, n2, n3] = shape;
-        let rows_padded = (n0 + 1) * (n1 + 1) * (n2 + 2);
-        self.now.reserve(rows_padded, n3 + 3);
-        self.sister.reserve(rows_padded, n3 + 3);
-        extents.clear();
-        let n: usize = shape.iter().product();
-        for (channel, plane) in coefficients.chunks_exact_mut(n).enumerate() {
-            if channel > 0 {
-                std::mem::swap(&mut self.now, &mut self.sister);
-                self.now.clear();
-            }
-            let mut held = std::mem::take(coder);
-            let coded = match quantization {
-                Quantization::Scalar => self.channel::<_, false>(&mut held, channel, shape, plane, rows),
-                Quantization::Dependent => self.channel::<_, true>(&mut held, channel, shape, plane, rows),
-            };
-            *coder = held;
-            extents.push(coded?);
+        self.reserve(shape);
+        for (channel, mut rows) in channels.enumerate() {
+            self.channel(coder, quantization, channel, shape, &mut rows)?;
         }
         Ok(())
     }
 
+    /// Decodes those that are not zero, of as many channels.
+    pub(crate) fn decode(
+        &mut self,
+        decoder: &mut Decoder,
+        quantization: Quantization,
+        shape: [usize; 4],
+        channels: usize,
+        coefficients: &mut Coefficients,
+    ) -> Result<(), OutOfRange> {
+        self.reserve(shape);
+        coefficients.clear();
+        for channel in 0..channels {
+            self.channel(decoder, quantization, channel, shape, coefficients)?;
+            coefficients.end_channel();
+        }
+        Ok(())
+    }
+
+    fn reserve(&mut self, [n0, n1, n2, n3]: [usize; 4]) {
+        let rows = (n0 + 1) * (n1 + 1) * (n2 + 2);
+        self.now.reserve(rows, n3 + 3);
+        self.sister.reserve(rows, n3 + 3);
+    }
+
+    fn channel<C: Coder>(
+        &mut self,
+        coder: &mut C,
+        quantization: Quantization,
+        channel: usize,
+        shape: [usize; 4],
+        rows: &mut impl Rows,
+    ) -> Result<(), OutOfRange> {
+        if channel > 0 {
+            std::mem::swap(&mut self.now, &mut self.sister);
+            self.now.clear();
+        }
+        let mut held = std::mem::take(coder);
+        let coded = match quantization {
+            Quantization::Scalar => self.rows::<_, false>(&mut held, channel, shape, rows),
+            Quantization::Dependent => self.rows::<_, true>(&mut held, channel, shape, rows),
+        };
+        *coder = held;
+        coded
+    }
+
     #[inline(always)]
-    fn channel<C: Coder, const DEPENDENT: bool>(
+    fn rows<C: Coder, const DEPENDENT: bool>(
         &mut self,
         coder: &mut C,
         channel: usize,
         shape: [usize; 4],
-        plane: &mut [i32],
-        chooser: &mut impl Rows,
-    ) -> Result<Extents, OutOfRange> {
+        rows: &mut impl Rows,
+    ) -> Result<(), OutOfRange> {
         let class = channel.min(CHANNEL_CLASSES - 1);
-        let found = if C::READS { [0; 4] } else { find_extents(shape, plane) };
-        if !coder.bit(ANY + class, found[0] > 0) {
-            return Ok([0; 4]);
+        let given = rows.extents(shape);
+        if !coder.bit(ANY + class, given[0] > 0) {
+            return Ok(());
         }
         let mut extents = [1; 4];
         for axis in 0..4 {
             let contexts = EXTENT + (class * 4 + axis) * 16;
-            extents[axis] = 1 + code_below(coder, contexts, shape[axis], found[axis].saturating_sub(1))?;
+            extents[axis] = 1 + code_below(coder, contexts, shape[axis], given[axis].saturating_sub(1))?;
         }
         let [_, n1, n2, n3] = shape;
         let row_len = n3 + 3;
-        let rows = [(n1 + 1) * (n2 + 2), n2 + 2];
-        let neighbours = Neighbours { above: row_len, before: rows[1] * row_len, outer: rows[0] * row_len };
+        let strides = [(n1 + 1) * (n2 + 2), n2 + 2];
+        let neighbours = Neighbours { above: row_len, before: strides[1] * row_len, outer: strides[0] * row_len };
         quarters(extents, &mut self.quarters);
         for i in 0..extents[0] {
             for j in 0..extents[1] {
                 for k in 0..extents[2] {
                     // Rows are padded by one before along three axes and one after along the third.
-                    let row = (i + 1) * rows[0] + (j + 1) * rows[1] + k + 1;
-                    let start = ((i * n1 + j) * n2 + k) * n3;
-                    let line = &mut plane[start..start + n3];
-                    let first = usize::from(start == 0);
+                    let row = (i + 1) * strides[0] + (j + 1) * strides[1] + k + 1;
+                    let position = ((i * n1 + j) * n2 + k) * n3;
+                    let first = usize::from(position == 0);
                     let coded = &self.now.rows;
-                    let near = coded[row - 1] + coded[row - rows[1]];
-                    let around = coded[row - rows[1] + 1] + coded[row - rows[0]];
-                    let context = ROW
+                    let near = coded[row - 1] + coded[row - strides[1]];
+                    let around = coded[row - strides[1] + 1] + coded[row - strides[0]];
+                    let any = ROW
                         + ((class * 3 + usize::from(near)) * 3 + usize::from(around)) * 3
                         + usize::from(self.sister.rows[row] + u8::from(channel == 0) * 2);
-                    let line = &mut line[..extents[3]];
-                    let frequency = i + j + k;
-                    let at = row * row_len + 2;
-                    let about = Row {
-                        walk: self,
-                        start: at,
-                        neighbours,
-                        frequency,
-                        channel,
-                        position: start,
-                        first,
-                        any: context,
-                    };
-                    chooser.choose(&about, line);
-                    if C::READS {
-                        line.fill(0);
-                    }
-                    let any = !C::READS && line[first..].iter().any(|&q| q != 0);
-                    if !coder.bit(context, any) {
+                    let (start, frequency) = (row * row_len + 2, i + j + k);
+                    let about = Row { channel, position, first, any, start, neighbours, frequency };
+                    rows.choose(&Around { walk: self, row: about }, extents[3]);
+                    let has_any = !C::READS && (first..extents[3]).any(|l| rows.get(position + l) != 0);
+                    if !coder.bit(any, has_any) {
                         continue;
                     }
                     self.now.rows[row] = 1;
-                    self.now.touched.push((row, at..at + line.len()));
-                    self.row::<_, DEPENDENT>(coder, channel, line, first, at, neighbours, frequency)?;
+                    self.now.touched.push((row, start..start + extents[3]));
+                    self.row::<_, DEPENDENT>(coder, about, extents[3], rows)?;
                 }
             }
         }
-        Ok(extents)
+        Ok(())
     }
 
     #[inline(always)]
     fn row<C: Coder, const DEPENDENT: bool>(
         &mut self,
         coder: &mut C,
-        channel: usize,
-        line: &mut [i32],
-        first: usize,
-        start: usize,
-        neighbours: Neighbours,
-        frequency: usize,
+        row: Row,
+        length: usize,
+        rows: &mut impl Rows,
     ) -> Result<(), OutOfRange> {
         let mut state = State::default();
         // Magnitudes of the two before.
         let mut before = [0; 2];
-        let (mut from, mut skipped) = (0, first);
-        for line in line.chunks_mut(WIDTH) {
-            let step = self.step(channel, start + from, neighbours, frequency + from);
-            for (i, place) in line.iter_mut().enumerate().skip(skipped) {
-                let q = *place;
+        let (mut from, mut at) = (0, row.first);
+        while from < length {
+            let step = self.step(row, from);
+            for l in at..length.min(from + WIDTH) {
+                let i = l % WIDTH;
+                let q = rows.get(row.position + l);
                 if !coder.bit(step.significant(i, before, state), q != 0) {
                     before = [0, before[0]];
                     if DEPENDENT {
@@ -269,23 +319,25 @@ impl Walk {
                     return Err(OutOfRange);
                 }
                 let negative = coder.raw(u32::from(q < 0), 1) == 1;
-                *place = if negative { -(magnitude as i32) } else { magnitude as i32 };
+                rows.find(row.position + l, if negative { -(magnitude as i32) } else { magnitude as i32 });
                 before = [index.min(255), before[0]];
-                self.now.magnitudes[start + from + i] = before[0] as u8;
+                self.now.magnitudes[row.start + l] = before[0] as u8;
                 if DEPENDENT {
                     state = state.after(index);
                 }
             }
-            (from, skipped) = (from + WIDTH, 0);
+            from += WIDTH;
+            at = from;
         }
         Ok(())
     }
 
-    /// Of the coefficients from a place in the padded magnitudes on, the sum of the frequencies of the first.
+    /// Of a row's coefficients from one on.
     #[inline(always)]
-    fn step(&self, channel: usize, at: usize, neighbours: Neighbours, frequency: usize) -> Step {
-        let class = channel.min(CHANNEL_CLASSES - 1);
-        Step::new(class, &self.now, &self.sister, at, neighbours, &self.quarters[frequency..])
+    fn step(&self, row: Row, l: usize) -> Step {
+        let class = row.channel.min(CHANNEL_CLASSES - 1);
+        let quarters = &self.quarters[row.frequency + l..];
+        Step::new(class, &self.now, &self.sister, row.start + l, row.neighbours, quarters)
     }
 }
 
@@ -406,27 +458,24 @@ mod tests {
             let original = coefficients.clone();
             let probabilities = vec![20000u16; SIGNIFICANT_ODD + ODD_CONTEXTS];
             let mut encoder = Encoder::new(&probabilities);
-            let (mut walk, mut extents) = (Walk::default(), Vec::new());
-            walk.code(&mut encoder, quantization, shape, &mut coefficients, &mut extents).unwrap();
-            prop_assert_eq!(&coefficients, &original);
+            let mut walk = Walk::default();
+            walk.code(&mut encoder, quantization, shape, &coefficients).unwrap();
             let bytes = encoder.finish();
-            let mut decoded = vec![0; channels * n];
             let mut decoder = Decoder::new(&probabilities, &bytes);
-            let mut decoded_extents = Vec::new();
-            walk.code(&mut decoder, quantization, shape, &mut decoded, &mut decoded_extents).unwrap();
-            prop_assert_eq!(decoded, original);
-            prop_assert_eq!(extents, decoded_extents);
+            let mut decoded = Coefficients::of_planes(&[0, 1], 2);
+            walk.decode(&mut decoder, quantization, shape, channels, &mut decoded).unwrap();
+            prop_assert_eq!(decoded.to_planes(channels, n), original);
             prop_assert_eq!(decoder.unread(), 0);
         }
 
         #[test]
         fn arbitrary_bytes_end(bytes in prop::collection::vec(any::<u8>(), 0..200), p in 0u16..) {
             for quantization in [Quantization::Scalar, Quantization::Dependent] {
-                let mut coefficients = vec![0; 2 * 5 * 6 * 7];
+                let mut coefficients = Coefficients::default();
                 let mut decoder = Decoder::new(&vec![p; SIGNIFICANT_ODD + ODD_CONTEXTS], &bytes);
-                let _ = Walk::default().code(
-                    &mut decoder, quantization, [1, 5, 6, 7], &mut coefficients, &mut Vec::new());
-                prop_assert!(coefficients.iter().all(|q| q.unsigned_abs() <= MAX_MAGNITUDE));
+                let _ = Walk::default().decode(&mut decoder, quantization, [1, 5, 6, 7], 2, &mut coefficients);
+                let planes = coefficients.to_planes(2, 5 * 6 * 7);
+                prop_assert!(planes.iter().all(|q| q.unsigned_abs() <= MAX_MAGNITUDE));
             }
         }
     }

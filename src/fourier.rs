@@ -37,8 +37,16 @@ impl Basis {
     }
 }
 
-/// Extents of the coefficients in use: along each axis those at this index and beyond are zero.
-pub type Extents = [usize; 4];
+/// A coefficient of a block: its position, and the value.
+pub(crate) type Term = (u32, f32);
+
+/// Buffers of a synthesis.
+#[derive(Debug, Default)]
+pub(crate) struct Lines {
+    values: Vec<f32>,
+    /// Those that are not zero throughout, of the axis at hand.
+    used: Vec<u32>,
+}
 
 /// The tables of one axis length.
 #[derive(Debug)]
@@ -100,19 +108,23 @@ impl Synthesis {
         self.tables[at].1.get_or_init(|| AxisTable::new(self.basis, n))
     }
 
-    /// Replaces the coefficients in `values` by the values of the block; `scratch` is resized as needed.
+    /// The values of a block from its coefficients: that at index 0, and in the order of positions those that are not zero.
     pub(crate) fn synthesize(
         &self,
         level: Level,
         shape: [usize; 4],
-        extents: Extents,
+        terms: &[Term],
         values: &mut [f32],
-        scratch: &mut Vec<f32>,
+        lines: &mut Lines,
     ) {
         let axes = shape.map(|n| self.axis(n));
         match self.basis {
-            Basis::Dct => level.run(dct::Synthesize { axes, extents, values, scratch }),
-            Basis::Dft => level.run(dft::Synthesize { axes, values, scratch }),
+            Basis::Dct => level.run(dct::Synthesize { axes, terms, values, lines }),
+            Basis::Dft => {
+                values.fill(0.0);
+                terms.iter().for_each(|&(position, value)| values[position as usize] = value);
+                level.run(dft::Synthesize { axes, values, scratch: &mut lines.values });
+            }
         }
     }
 }

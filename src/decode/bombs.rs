@@ -111,7 +111,7 @@ impl Bomb {
         }
         let [a, b, c] = self.block;
         let mut coder = Encoder::new(&even_odds());
-        Walk::default().code(&mut coder, QUANTIZATION, [1, a, b, c], &mut planes, &mut Vec::new()).unwrap();
+        Walk::default().code(&mut coder, QUANTIZATION, [1, a, b, c], &planes).unwrap();
         Bomb { class: ValidityClass::All, coded: coder.finish(), ..self }
     }
 }

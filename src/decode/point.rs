@@ -113,28 +113,17 @@ impl Component {
 impl Header {
     /// What the scratch holds after a record was decoded.
     fn sparse(&self, block: usize, place: &Block, means: &[i32], scratch: &Scratch) -> Sparse {
-        let n = place.positions();
         let [_, n1, n2, n3] = place.shape;
         let mut components = Vec::with_capacity(means.len());
-        let mut values = vec![0f32; n];
+        let mut terms = Vec::new();
         for (c, &mean) in means.iter().enumerate() {
-            let extents = scratch.extents[c].map(|e| e.max(1));
-            let coefficients = &scratch.coefficients[c * n..(c + 1) * n];
-            self.dequantize(c, place.shape, extents, coefficients, mean, &mut values);
+            self.dequantize(c, scratch.coefficients.of_channel(c), mean, &mut terms);
             let mut component = Component::default();
-            for i in 0..extents[0] {
-                for j in 0..extents[1] {
-                    for k in 0..extents[2] {
-                        let start = ((i * n1 + j) * n2 + k) * n3;
-                        let row = values[start..start + extents[3]].iter().enumerate();
-                        let before = component.entries.len();
-                        component.entries.extend(row.filter(|(_, v)| **v != 0.0).map(|(l, v)| (l as u32, *v)));
-                        if component.entries.len() > before {
-                            let (at, end) = ([i, j, k].map(|at| at as u32), component.entries.len());
-                            component.rows.push(Row { at, end });
-                        }
-                    }
-                }
+            for row in terms.chunk_by(|a, b| a.0 as usize / n3 == b.0 as usize / n3) {
+                let number = row[0].0 as usize / n3;
+                component.entries.extend(row.iter().map(|(position, value)| (*position % n3 as u32, *value)));
+                let at = [number / n2 / n1, number / n2 % n1, number % n2].map(|at| at as u32);
+                component.rows.push(Row { at, end: component.entries.len() });
             }
             component.rows.shrink_to_fit();
             component.entries.shrink_to_fit();

@@ -7,13 +7,13 @@ use super::buffer::Buffer;
 use crate::block::{Block, Partition};
 use crate::correct::{self, Decoded, correct};
 use crate::dependent::Quantization;
-use crate::entropy::{self, Walk};
+use crate::entropy::{self, Coefficients, Walk};
 use crate::error::Result;
 use crate::format::header::Coding;
 use crate::format::probabilities::Probabilities;
 use crate::format::profile::CodedProfile;
 use crate::format::record::{Record, ValidityClass};
-use crate::fourier::{AxisTable, Basis, Extents, Synthesis};
+use crate::fourier::{AxisTable, Lines, Synthesis, Term};
 use crate::grid::Grid;
 use crate::horizon::Horizon;
 use crate::mask::{self, MaskModel};
@@ -58,8 +58,9 @@ pub(crate) struct Header {
 /// Buffers of a decode, for callers that rebuild many blocks on a thread.
 #[derive(Debug, Default)]
 pub struct Scratch {
-    pub(crate) coefficients: Buffer<i32>,
-    pub(crate) extents: Vec<Extents>,
+    pub(crate) coefficients: Coefficients,
+    /// Those of a component, dequantised.
+    terms: Vec<Term>,
     walk: Walk,
     class: ValidityClass,
     /// Empty where the class says enough and the values do not depend on them.
@@ -68,7 +69,7 @@ pub struct Scratch {
     pub(crate) zeros: Vec<bool>,
     /// Log values, `[channel][position]`.
     pub(crate) log: Buffer<f32>,
-    lines: Vec<f32>,
+    lines: Lines,
     /// Of the block that was rebuilt last, if the file has a correction step; `[channel][position]`.
     pub(crate) corrections: Vec<i32>,
     correct: correct::Walk,
@@ -118,7 +119,6 @@ impl Header {
         decoder: &mut Decoder,
         scratch: &mut Scratch,
     ) -> Result<(), &'static str> {
-        let n = block.positions();
         let channels = self.grid.channels().len();
         scratch.class = class;
         scratch.masks.clear();
@@ -126,21 +126,18 @@ impl Header {
         if class != ValidityClass::Horizon || self.coding.correction.is_some() {
             self.decode_masks(block, class, decoder, &mut scratch.masks);
         }
-        scratch.coefficients.resize(channels * n);
+        scratch.coefficients.clear();
+        scratch.zeros.clear();
         if class.is_mean_only() {
-            scratch.extents.clear();
-            scratch.extents.resize(channels, [0; 4]);
-            scratch.zeros.clear();
             return Ok(());
         }
-        scratch.zeros.clear();
         if self.coding.zeros {
             let Scratch { masks, zeros, .. } = &mut *scratch;
             code_zeros(decoder, ZEROS, block.shape, channels, || self.told_or_predicted(block, masks), zeros);
         }
         scratch
             .walk
-            .code(decoder, self.coding.quantization, block.shape, &mut scratch.coefficients, &mut scratch.extents)
+            .decode(decoder, self.coding.quantization, block.shape, channels, &mut scratch.coefficients)
             .map_err(|_| "an extent or a coefficient is out of range")
     }
 
@@ -215,36 +212,25 @@ impl Header {
         Ok(decoder)
     }
 
-    /// Components of log values in `scratch.log`, from the coefficients and extents in the scratch.
+    /// Components of log values in `scratch.log`, from the coefficients in the scratch.
     pub(super) fn synthesize(&self, block: &Block, means: &[i32], scratch: &mut Scratch) -> Result<(), &'static str> {
         let n = block.positions();
-        scratch.log.resize(scratch.coefficients.len());
-        for (component, values) in scratch.log.chunks_exact_mut(n).enumerate() {
-            if self.coding.basis == Basis::Dft {
-                values.fill(0.0);
-            }
-            let coefficients = &scratch.coefficients[component * n..(component + 1) * n];
-            let extents = scratch.extents[component].map(|e| e.max(1));
-            self.dequantize(component, block.shape, extents, coefficients, means[component], values);
-            self.synthesis.synthesize(self.level, block.shape, extents, values, &mut scratch.lines);
+        scratch.log.resize(means.len() * n);
+        let Scratch { coefficients, terms, log, lines, .. } = scratch;
+        for (component, (values, mean)) in log.chunks_exact_mut(n).zip(means).enumerate() {
+            self.dequantize(component, coefficients.of_channel(component), *mean, terms);
+            self.synthesis.synthesize(self.level, block.shape, terms, values, lines);
         }
-        self.add_profile(block, &mut scratch.log)
+        self.add_profile(block, log)
     }
 
-    /// The coefficients of a component below the extents, at least 1; what is beyond stays as it is.
-    pub(super) fn dequantize(
-        &self,
-        component: usize,
-        shape: [usize; 4],
-        extents: Extents,
-        coefficients: &[i32],
-        mean: i32,
-        values: &mut [f32],
-    ) {
+    /// The coefficients of a component, that at index 0 first.
+    pub(super) fn dequantize(&self, component: usize, coefficients: &[(u32, i32)], mean: i32, terms: &mut Vec<Term>) {
         let step = self.coding.steps[component];
         let quantizer = Quantizer { step, shrink: self.coding.shrink.map(|s| f32::from(s) / 256.0) };
-        dequantize_within(shape, extents, coefficients, quantizer, values);
-        values[0] = dequantize_mean(step, mean);
+        terms.clear();
+        terms.push((0, dequantize_mean(step, mean)));
+        terms.extend(coefficients.iter().map(|&(position, q)| (position, quantizer.dequantize(q))));
     }
 
     /// Adds the profile, if the file has one, to the components of a block.
@@ -259,20 +245,16 @@ impl Header {
         shape.map(|n| self.synthesis.axis(n))
     }
 
-    /// What [`Header::rebuild`] gives before corrections and zeros, of coefficients and extents that are not coded yet.
+    /// What [`Header::rebuild`] gives before corrections and zeros, of coefficients `[component][position]` that are not coded yet.
     #[cfg(feature = "encode")]
     pub(crate) fn rebuild_uncoded(
         &self,
         block: &Block,
         coefficients: &[i32],
-        extents: &[Extents],
         means: &[i32],
         scratch: &mut Scratch,
     ) -> Result<(), &'static str> {
-        scratch.coefficients.resize(coefficients.len());
-        scratch.coefficients.copy_from_slice(coefficients);
-        scratch.extents.clear();
-        scratch.extents.extend_from_slice(extents);
+        scratch.coefficients = Coefficients::of_planes(coefficients, block.positions());
         self.synthesize(block, means, scratch)?;
         self.to_channels(&mut scratch.log);
         Ok(())
@@ -295,19 +277,4 @@ pub(crate) fn without_zeros<'a>(masks: &'a [bool], zeros: &[bool]) -> Cow<'a, [b
         return masks.into();
     }
     zeros.iter().enumerate().map(|(i, zero)| masks[i % masks.len()] && !zero).collect::<Vec<_>>().into()
-}
-
-/// Dequantises the coefficients below the extents; the others stay zero.
-fn dequantize_within(shape: [usize; 4], extents: Extents, from: &[i32], quantizer: Quantizer, to: &mut [f32]) {
-    let [_, n1, n2, n3] = shape;
-    for i in 0..extents[0] {
-        for j in 0..extents[1] {
-            for k in 0..extents[2] {
-                let row = ((i * n1 + j) * n2 + k) * n3;
-                for (value, &q) in to[row..row + extents[3]].iter_mut().zip(&from[row..]) {
-                    *value = quantizer.dequantize(q);
-                }
-            }
-        }
-    }
 }

@@ -424,7 +424,7 @@ pub(super) fn fit(
                 coefficients.push(Quantizer::quantize(step, 0.4, value)?);
             }
         }
-        walk.code(&mut encoder, Quantization::Scalar, shape, &mut coefficients, &mut Vec::new()).ok()?;
+        walk.code(&mut encoder, Quantization::Scalar, shape, &coefficients).ok()?;
     }
     let coded = CodedProfile { knots: KNOTS, zone: ZONE, step, first, coded: encoder.finish(), offset: 0 };
     let profile = coded.decode(grid).ok()?;

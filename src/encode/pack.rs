@@ -9,7 +9,7 @@ use crate::correct::{self, Decoded};
 use crate::decode::lossless::decode_bits;
 use crate::decode::{CONTEXTS, CORRECTIONS, Header, MASKS, Scratch, ZEROS, contexts, without_zeros};
 use crate::dependent::Quantization;
-use crate::entropy::{Walk, find_extents};
+use crate::entropy::Walk;
 use crate::error::{Error, Result};
 use crate::format::directory::{self, write_file, write_file_with_spare};
 use crate::format::header::{Coding, write_coding, write_grid, write_partition};
@@ -125,10 +125,7 @@ struct Uncoded<'a> {
 impl Uncoded<'_> {
     /// Its log values before corrections, in the scratch.
     fn rebuild(&self, header: &Header, scratch: &mut Scratch) {
-        let shape = self.quantized.shape;
-        let n: usize = shape.iter().product();
-        let extents: Vec<_> = self.quantized.coefficients.chunks_exact(n).map(|q| find_extents(shape, q)).collect();
-        let rebuilt = header.rebuild_uncoded(&self.block, &self.quantized.coefficients, &extents, self.means, scratch);
+        let rebuilt = header.rebuild_uncoded(&self.block, &self.quantized.coefficients, self.means, scratch);
         debug_assert!(rebuilt.is_ok(), "the profile was decoded when it was fitted");
     }
 
@@ -145,8 +142,7 @@ impl Uncoded<'_> {
             let masks = if *class == ValidityClass::MaskPerChannel { valid } else { &valid[..n] };
             code_zeros(coder, ZEROS, shape, valid.len() / n, || masks, &mut zeros.clone());
         }
-        let mut coefficients = self.quantized.coefficients.clone();
-        let coded = buffers.walk.code(coder, header.coding.quantization, shape, &mut coefficients, &mut Vec::new());
+        let coded = buffers.walk.code(coder, header.coding.quantization, shape, &self.quantized.coefficients);
         debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
         if let Some(step) = header.coding.correction {
             let mut corrections = corrections.to_vec();

@@ -46,14 +46,8 @@ pub(super) fn trial(
         .try_fold(
             || (Counter::new(CONTEXTS), Walk::default(), Vec::new()),
             |(mut counter, mut walk, mut errors), block| {
-                let mut block = block?;
-                let coded = walk.code(
-                    &mut counter,
-                    Quantization::Scalar,
-                    block.shape,
-                    &mut block.coefficients,
-                    &mut Vec::new(),
-                );
+                let block = block?;
+                let coded = walk.code(&mut counter, Quantization::Scalar, block.shape, &block.coefficients);
                 debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
                 errors.push(block.squared_error);
                 Ok((counter, walk, errors))

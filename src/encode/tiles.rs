@@ -239,16 +239,9 @@ impl Encoder {
             .par_iter()
             .map_init(Walk::default, |walk, block| {
                 let steps = self.effort.trial_steps();
-                let mut quantized =
-                    self.quantize_dense(dense, transform, block, steps).ok_or_else(|| self.too_fine())?;
+                let quantized = self.quantize_dense(dense, transform, block, steps).ok_or_else(|| self.too_fine())?;
                 let mut counter = Counter::new(CONTEXTS);
-                let coded = walk.code(
-                    &mut counter,
-                    Quantization::Scalar,
-                    block.shape,
-                    &mut quantized.coefficients,
-                    &mut Vec::new(),
-                );
+                let coded = walk.code(&mut counter, Quantization::Scalar, block.shape, &quantized.coefficients);
                 debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
                 Ok((counter, quantized.squared_error))
             })
@@ -271,11 +264,10 @@ impl Encoder {
     ) -> Result<f64> {
         let mut price = 0.0;
         for block in blocks {
-            let mut quantized = self
+            let quantized = self
                 .quantize_dense(dense, transform, block, self.effort.trial_steps())
                 .ok_or_else(|| self.too_fine())?;
-            let coded =
-                walk.code(costs, Quantization::Scalar, block.shape, &mut quantized.coefficients, &mut Vec::new());
+            let coded = walk.code(costs, Quantization::Scalar, block.shape, &quantized.coefficients);
             debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
             let step = f64::from(self.step);
             price += costs.take_bits() + 8.0 * OVERHEAD + quantized.squared_error / (EXCHANGE * step * step);

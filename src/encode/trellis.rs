@@ -11,7 +11,10 @@ use rayon::prelude::*;
 use super::blocks::Quantized;
 use crate::decode::CONTEXTS;
 use crate::dependent::{Quantization, STATES, State};
-use crate::entropy::{MAX_MAGNITUDE, ODD_CONTEXTS, Row, Rows, SIGNIFICANT, SIGNIFICANT_ODD, WIDTH, Walk, price_number};
+use crate::entropy::{
+    Around, Extents, MAX_MAGNITUDE, ODD_CONTEXTS, Rows, SIGNIFICANT, SIGNIFICANT_ODD, WIDTH, Walk, find_extents,
+    price_number,
+};
 use crate::quantize::quantize_mean;
 use crate::range::{Costs, Counter};
 
@@ -54,9 +57,7 @@ pub(super) fn quantize(blocks: &[Filled], components: usize, step: f32, rounding
         blocks.par_iter().step_by(TRAINING).map(|block| Some((block, scalar(block)?))).collect::<Option<_>>()?;
     // The costs of scalar quantisation find first paths, those give the costs of the paths.
     let mut counts = count(&training, |walk, counter, (_, quantized)| {
-        let mut coefficients = quantized.coefficients.clone();
-        let extents = &mut Vec::new();
-        let coded = walk.code(counter, Quantization::Scalar, quantized.shape, &mut coefficients, extents);
+        let coded = walk.code(counter, Quantization::Scalar, quantized.shape, &quantized.coefficients);
         debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
     });
     counts.copy(SIGNIFICANT..SIGNIFICANT + ODD_CONTEXTS, SIGNIFICANT_ODD);
@@ -108,16 +109,16 @@ fn choose(walk: &mut Walk, counter: &mut Counter, block: &Filled, chosen: &mut [
         return;
     }
     let positions = block.shape.iter().product();
-    let mut trellis = Trellis { costs, values: &block.coefficients, positions, step, ways: Vec::new() };
-    let coded = walk.code_rows(counter, Quantization::Dependent, block.shape, chosen, &mut Vec::new(), &mut trellis);
+    let planes = block.coefficients.chunks_exact(positions).zip(chosen.chunks_exact_mut(positions));
+    let channels = planes.map(|(values, chosen)| Trellis { costs, values, chosen, step, ways: Vec::new() });
+    let coded = walk.code_rows(counter, Quantization::Dependent, block.shape, channels);
     debug_assert!(coded.is_ok(), "the largest coefficient was checked");
 }
 
 struct Trellis<'a> {
     costs: &'a Costs,
-    /// `[component][position]`.
     values: &'a [f32],
-    positions: usize,
+    chosen: &'a mut [i32],
     step: f32,
     /// By place on the row and state after it: the state before, and the index.
     ways: Vec<[(State, u32); STATES]>,
@@ -132,8 +133,18 @@ struct Path {
 }
 
 impl Rows for Trellis<'_> {
-    fn choose(&mut self, row: &Row, line: &mut [i32]) {
-        let values = &self.values[row.channel * self.positions + row.position..][..line.len()];
+    fn extents(&self, shape: [usize; 4]) -> Extents {
+        find_extents(shape, self.chosen)
+    }
+
+    fn get(&self, position: usize) -> i32 {
+        self.chosen[position]
+    }
+
+    fn choose(&mut self, around: &Around, length: usize) {
+        let row = around.row;
+        let values = &self.values[row.position..][..length];
+        let line = &mut self.chosen[row.position..][..length];
         let scale = 1.0 / self.step;
         line[row.first..].fill(0);
         if values[row.first..].iter().all(|v| v.abs() * scale < LEAST) {
@@ -147,12 +158,12 @@ impl Rows for Trellis<'_> {
         let mut nothing = price(self.costs.of(row.any, false));
         self.ways.clear();
         self.ways.resize(line.len(), [(State::default(), 0); STATES]);
-        let mut step = row.step(0);
+        let mut step = around.step(0);
         for (l, value) in values.iter().enumerate().skip(row.first) {
             let magnitude = value.abs() * scale;
             nothing += magnitude * magnitude;
             if l % WIDTH == 0 {
-                step = row.step(l);
+                step = around.step(l);
             }
             let i = l % WIDTH;
             let mut next = [NONE; STATES];
@@ -215,8 +226,7 @@ mod tests {
             let mut counter = Counter::new(CONTEXTS);
             let mut squares = 0.0;
             for (block, quantized) in blocks.iter().zip(quantized) {
-                let mut coefficients = quantized.coefficients.clone();
-                Walk::default().code(&mut counter, quantization, shape, &mut coefficients, &mut Vec::new()).unwrap();
+                Walk::default().code(&mut counter, quantization, shape, &quantized.coefficients).unwrap();
                 let errors = quantized.coefficients.iter().zip(&block.coefficients).skip(1);
                 squares += errors.map(|(q, c)| f64::from(*q as f32 * step - c).powi(2)).sum::<f64>();
             }

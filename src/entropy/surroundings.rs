@@ -1,8 +1,7 @@
 //! What the contexts of a coefficient depend on (spec section 4.6).
 
-use super::{Coded, EXPONENT, EXPONENTS, MAGNITUDE_LEVELS, SIGNIFICANT, SIGNIFICANT_ODD};
+use super::{Coded, EXPONENT, EXPONENTS, Extents, MAGNITUDE_LEVELS, SIGNIFICANT, SIGNIFICANT_ODD};
 use crate::dependent::State;
-use crate::fourier::Extents;
 
 const LEVELS: usize = 12;
 const POSITIONS: usize = 4;
@@ -91,11 +90,9 @@ impl Step {
         let sisters = bytes(&sister.magnitudes, at);
         let mut contexts = bytes(quarters, 0);
         for i in 0..WIDTH {
-            contexts[i] += (sisters[i].min(SISTERS as u8 - 1)) * POSITIONS as u8;
+            contexts[i] += sisters[i].min(SISTERS as u8 - 1) * POSITIONS as u8;
         }
-        for i in 0..WIDTH {
-            contexts[i] *= LEVELS as u8;
-        }
+        contexts.iter_mut().for_each(|context| *context *= LEVELS as u8);
         let mut quiet = [0; WIDTH];
         for i in 0..WIDTH {
             quiet[i] = sums[i].min(6);

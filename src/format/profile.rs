@@ -2,10 +2,10 @@
 
 use crate::bits::ByteReader;
 use crate::dependent::Quantization;
-use crate::entropy::{self, MAX_MAGNITUDE, Walk};
+use crate::entropy::{self, Coefficients, MAX_MAGNITUDE, Walk};
 use crate::error::Result;
 use crate::format::{MAX_BLOCK_AXIS, STEP_RANGE, check_block};
-use crate::fourier::{Basis, Extents, Synthesis};
+use crate::fourier::{Basis, Lines, Synthesis};
 use crate::grid::Grid;
 use crate::profile::{Profile, bins};
 use crate::quantize::dequantize_mean;
@@ -31,15 +31,6 @@ pub(crate) struct CodedProfile {
     pub(crate) coded: Vec<u8>,
     /// Offset of the section within the file.
     pub(crate) offset: u64,
-}
-
-/// Coefficients of a table.
-#[derive(Default)]
-struct Table {
-    /// But for those at index 0, `[component][bin][knot]`.
-    coefficients: Vec<i32>,
-    /// Of each component.
-    extents: Vec<Extents>,
 }
 
 pub(crate) fn read_profile(mut r: ByteReader, grid: &Grid) -> Result<CodedProfile> {
@@ -98,14 +89,13 @@ impl CodedProfile {
         [1, 1, bins[table / 2], self.knots]
     }
 
-    fn tables(&self, bins: [usize; 2], channels: usize) -> Result<[Table; TABLES], &'static str> {
+    /// Coefficients of each table, but for those at index 0.
+    fn tables(&self, bins: [usize; 2], channels: usize) -> Result<[Coefficients; TABLES], &'static str> {
         let mut decoder = Decoder::new(&vec![1 << 15; entropy::CONTEXTS], &self.coded);
         let mut walk = Walk::default();
-        let mut tables: [Table; TABLES] = Default::default();
-        for (t, Table { coefficients, extents }) in tables.iter_mut().enumerate() {
-            let shape = self.shape(bins, t);
-            coefficients.resize(channels * shape[2] * shape[3], 0);
-            walk.code(&mut decoder, Quantization::Scalar, shape, coefficients, extents)
+        let mut tables: [Coefficients; TABLES] = Default::default();
+        for (t, table) in tables.iter_mut().enumerate() {
+            walk.decode(&mut decoder, Quantization::Scalar, self.shape(bins, t), channels, table)
                 .map_err(|_| "an extent or a coefficient is out of range")?;
         }
         if decoder.unread() > 0 {
@@ -119,15 +109,18 @@ impl CodedProfile {
         let bins = bins(grid).ok_or(NO_AXES)?;
         let channels = grid.channels().len();
         let synthesis = Synthesis::new(Basis::Dct, &[1, bins[0], bins[1], self.knots]);
-        let mut lines = Vec::new();
+        let (mut lines, mut terms) = (Lines::default(), Vec::new());
         let mut tables: [Vec<f32>; TABLES] = Default::default();
-        let coded = self.tables(bins, channels)?;
-        for (t, (table, Table { coefficients, extents })) in tables.iter_mut().zip(coded).enumerate() {
+        for (t, (table, coefficients)) in tables.iter_mut().zip(self.tables(bins, channels)?).enumerate() {
             let shape = self.shape(bins, t);
-            *table = coefficients.iter().map(|&q| dequantize_mean(self.step, q)).collect();
-            for (c, values) in table.chunks_exact_mut(shape[2] * shape[3]).enumerate() {
-                values[0] = dequantize_mean(self.step, self.first[t * channels + c]);
-                synthesis.synthesize(Level::detect(), shape, extents[c].map(|e| e.max(1)), values, &mut lines);
+            let n = shape.iter().product();
+            table.resize(channels * n, 0.0);
+            for (c, values) in table.chunks_exact_mut(n).enumerate() {
+                let term = |&(position, q): &(u32, i32)| (position, dequantize_mean(self.step, q));
+                terms.clear();
+                terms.push(term(&(0, self.first[t * channels + c])));
+                terms.extend(coefficients.of_channel(c).iter().map(term));
+                synthesis.synthesize(Level::detect(), shape, &terms, values, &mut lines);
             }
         }
         Profile::new(grid, self.knots, self.zone, tables).ok_or("the grid has no profile")
@@ -150,11 +143,12 @@ mod write {
             let channels = grid.channels().len();
             let mut encoder = Encoder::new(&vec![1 << 15; entropy::CONTEXTS]);
             let mut walk = Walk::default();
-            for (t, Table { coefficients, .. }) in self.tables(bins, channels)?.iter().enumerate() {
+            for (t, coefficients) in self.tables(bins, channels)?.iter().enumerate() {
                 let shape = self.shape(bins, t);
-                let planes: Vec<&[i32]> = coefficients.chunks_exact(shape[2] * shape[3]).collect();
-                let mut kept: Vec<i32> = components.iter().flat_map(|&c| planes[c]).copied().collect();
-                walk.code(&mut encoder, Quantization::Scalar, shape, &mut kept, &mut Vec::new())
+                let n = shape.iter().product();
+                let planes = coefficients.to_planes(channels, n);
+                let kept: Vec<i32> = components.iter().flat_map(|&c| &planes[c * n..][..n]).copied().collect();
+                walk.code(&mut encoder, Quantization::Scalar, shape, &kept)
                     .map_err(|_| "an extent or a coefficient is out of range")?;
             }
             let first = self.first.chunks_exact(channels).flat_map(|first| components.iter().map(|&c| first[c]));

@@ -4,7 +4,9 @@
 //! the sum O over the odd ones, both ascending and from zero, give E + O at i and E - O at the mirror. Adding a
 //! zero term changes no sum, so frequencies beyond the extents are left out.
 
-use super::{AxisTable, Extents};
+use std::ops::Range;
+
+use super::{AxisTable, Lines, Term};
 use crate::simd::Task;
 
 /// Lanes that go side by side through an axis, and how many positions share their loads: eight sums are under way, as many
@@ -14,113 +16,100 @@ const POSITIONS: usize = 2;
 /// Lanes of what is left over.
 const FEW: usize = 8;
 
-/// Replaces the coefficients below the extents by the values of the block, whatever stands beyond.
+/// Writes the values of the block over whatever stands there.
 pub(super) struct Synthesize<'a> {
     pub(super) axes: [&'a AxisTable; 4],
-    pub(super) extents: Extents,
+    /// That at index 0 first.
+    pub(super) terms: &'a [Term],
     pub(super) values: &'a mut [f32],
-    pub(super) scratch: &'a mut Vec<f32>,
+    pub(super) lines: &'a mut Lines,
 }
 
 impl Task for Synthesize<'_> {
     #[inline(always)]
     fn run<const FUSED: bool>(self) {
-        let Synthesize { axes, extents, values, scratch } = self;
-        let shape = axes.map(|a| a.n);
-        let total: usize = shape.iter().product();
-        if extents.contains(&0) {
-            values[..total].fill(0.0);
-            return;
-        }
-        if extents == [1; 4] {
+        let Synthesize { mut axes, terms, values, lines } = self;
+        if let [(_, mean)] = *terms {
             // One value, by what the sums below come to.
             let along = axes.iter().rev().filter(|table| table.n > 1);
-            let value = along.fold(values[0], |value, table| (0.0 + value * table.cos[0]) + 0.0);
-            values[..total].fill(value);
+            values.fill(along.fold(mean, |value, table| (0.0 + value * table.cos[0]) + 0.0));
             return;
         }
+        // The last axis along which positions differ comes last.
+        while axes[3].n == 1 {
+            axes.rotate_right(1);
+        }
+        let mut inner = axes[3].n;
+        rows(axes[3], terms, values, lines);
         let mut used = Used::default();
-        for axis in (0..4).rev() {
-            let table = axes[axis];
-            if table.n == 1 {
-                // The one coefficient of a single position is its value.
-                continue;
+        for table in axes[..3].iter().rev().filter(|table| table.n > 1) {
+            let n = table.n;
+            let (mut at, mut bundles) = (0, 0);
+            while at < lines.used.len() {
+                let number = lines.used[at] as usize / n;
+                at += used.find(number * n..(number + 1) * n, inner, &lines.used[at..]);
+                bundle(table, &used, inner, &mut values[number * n * inner..][..n * inner], &mut lines.values);
+                lines.used[bundles] = number as u32;
+                bundles += 1;
             }
-            let inner: usize = shape[axis + 1..].iter().product();
-            // Of the axes before, only what is below the extents is not zero yet.
-            let before: [usize; 3] = std::array::from_fn(|a| if a < axis { extents[a] } else { 1 });
-            let strides: [usize; 3] = std::array::from_fn(|a| shape[a + 1..].iter().product());
-            for i in 0..before[0] {
-                for j in 0..before[1] {
-                    for k in 0..before[2] {
-                        let start = i * strides[0] + j * strides[1] + k * strides[2];
-                        let lines = &mut values[start..start + table.n * inner];
-                        if inner == 1 {
-                            row(table, extents[axis], lines, scratch);
-                        } else {
-                            used.find(extents[axis], inner, lines);
-                            bundle(table, &used, inner, lines, scratch);
-                        }
-                    }
-                }
-            }
+            lines.used.truncate(bundles);
+            inner *= n;
         }
     }
 }
 
-/// One line along the last axis.
+/// Along the last axis, the lines that have a coefficient; tells which.
 #[inline(always)]
-fn row(table: &AxisTable, used: usize, line: &mut [f32], scratch: &mut Vec<f32>) {
+fn rows(table: &AxisTable, mut terms: &[Term], values: &mut [f32], lines: &mut Lines) {
     let n = table.n;
     let half = n.div_ceil(2);
-    if !any_nonzero(&line[..used]) {
-        line.fill(0.0);
-        return;
-    }
-    if scratch.len() < 2 * half {
-        scratch.resize(2 * half, 0.0);
-    }
-    let (even, odd) = scratch[..2 * half].split_at_mut(half);
-    even.fill(0.0);
-    odd.fill(0.0);
-    for (k, &s) in line[..used].iter().enumerate().filter(|(_, s)| **s != 0.0) {
-        let sum = if k % 2 == 0 { &mut *even } else { &mut *odd };
-        for (sum, c) in sum.iter_mut().zip(&table.cos[k * half..][..half]) {
-            *sum += s * c;
+    lines.used.clear();
+    lines.values.resize((2 * half).max(lines.values.len()), 0.0);
+    let (even, odd) = lines.values[..2 * half].split_at_mut(half);
+    while let Some(&(position, _)) = terms.first() {
+        let row = position as usize / n;
+        lines.used.push(row as u32);
+        even.fill(0.0);
+        odd.fill(0.0);
+        while let Some((&(position, value), rest)) = terms.split_first() {
+            let k = (position as usize).wrapping_sub(row * n);
+            if k >= n {
+                break;
+            }
+            let sums = if k.is_multiple_of(2) { &mut *even } else { &mut *odd };
+            for (sum, c) in sums.iter_mut().zip(&table.cos[k * half..][..half]) {
+                *sum += value * c;
+            }
+            terms = rest;
         }
-    }
-    let (front, back) = line.split_at_mut(half);
-    for ((value, e), o) in back.iter_mut().rev().zip(even.iter()).zip(odd.iter()) {
-        *value = e - o;
-    }
-    for ((value, e), o) in front.iter_mut().zip(even).zip(odd) {
-        *value = *e + *o;
+        let (front, back) = values[row * n..][..n].split_at_mut(half);
+        for ((value, e), o) in back.iter_mut().rev().zip(even.iter()).zip(odd.iter()) {
+            *value = e - o;
+        }
+        for ((value, e), o) in front.iter_mut().zip(even.iter()).zip(odd.iter()) {
+            *value = e + o;
+        }
     }
 }
 
-/// Frequencies at which some lane is not zero, even and odd ones, each with its place in the source. Most coefficients below
-/// the extents are zero, and often whole lines and slabs of them.
+/// Frequencies at which some lane is not zero, even and odd ones, each with its place in the source. Most coefficients are zero, and
+/// often those of whole lines and slabs.
 #[derive(Default)]
 struct Used([Vec<(usize, usize)>; 2]);
 
 impl Used {
+    /// Of the lines of a range, by the numbers of those in use from the first of them on; tells how many that are.
     #[inline(always)]
-    fn find(&mut self, extent: usize, inner: usize, lines: &[f32]) {
+    fn find(&mut self, range: Range<usize>, inner: usize, used: &[u32]) -> usize {
         self.0.iter_mut().for_each(Vec::clear);
-        let mut place = 0;
-        for k in 0..extent {
-            if any_nonzero(&lines[k * inner..(k + 1) * inner]) {
-                self.0[k % 2].push((k, place));
-                place += inner;
-            }
+        let mut found = 0;
+        for line in used.iter().map(|line| *line as usize).take_while(|line| *line < range.end) {
+            let k = line - range.start;
+            self.0[k % 2].push((k, found * inner));
+            found += 1;
         }
+        found
     }
-}
-
-/// In pieces without a branch inside, so that it vectorises.
-#[inline(always)]
-fn any_nonzero(values: &[f32]) -> bool {
-    values.chunks(64).any(|piece| piece.iter().fold(false, |any, value| any | (*value != 0.0)))
 }
 
 /// `inner` lines side by side along an axis that is not the last.

@@ -207,7 +207,7 @@ impl<T: Real, const WIDE: usize, const NARROW: usize> Transform<T, WIDE, NARROW>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fourier::{Synthesis, partners};
+    use crate::fourier::{Lines, Synthesis, Term, partners};
     use crate::sample::SplitMix64;
 
     /// Lengths of 1, 2 and 3, even and odd, of one fold and of several; bundles of fewer lines than a group, of whole
@@ -341,8 +341,11 @@ mod tests {
                     }
                     *s = *d as f32;
                 }
-                let mut scratch = Vec::new();
-                Synthesis::new(basis, &shape).synthesize(Level::detect(), shape, extents, &mut single, &mut scratch);
+                let nonzero = single.iter().enumerate().filter(|(position, value)| *position == 0 || **value != 0.0);
+                let terms: Vec<Term> = nonzero.map(|(position, value)| (position as u32, *value)).collect();
+                single.fill(f32::NAN);
+                let lines = &mut Lines::default();
+                Synthesis::new(basis, &shape).synthesize(Level::detect(), shape, &terms, &mut single, lines);
                 Transform::new(basis, shape).synthesize(&mut double);
                 for (s, d) in single.iter().zip(&double) {
                     assert!((f64::from(*s) - d).abs() < 2e-6, "{basis:?} {shape:?}: {s} {d}");

@@ -68,29 +68,22 @@ impl<'a> Recoder<'a> {
             source.decode_record(block, record.class, &mut decoder, scratch)?;
             decoder.check_end()?;
         }
-        // Beyond the extents a scratch holds what blocks before have left there.
         let n = block.positions();
-        for (plane, extents) in scratch.coefficients.chunks_exact_mut(n).zip(&scratch.extents) {
-            for (k, q) in positions(block.shape).zip(plane) {
-                *q = if (0..4).all(|a| k[a] < extents[a]) { *q } else { 0 };
-            }
-        }
         let mut remains = Remains {
             class: record.class,
             valid_before: 1.0,
             lost: 0.0,
             masks: scratch.masks.clone(),
             zeros: scratch.zeros.clone(),
-            coefficients: scratch.coefficients.to_vec(),
+            coefficients: scratch.coefficients.to_planes(source.grid.channels().len(), n),
             corrections: None,
         };
         if let Some(selection) = selection {
             remains.select(selection, source, target, block);
             if corrected {
                 let corrections = selection.of_channels(&scratch.corrections, n);
-                let extents = selection.of_components(&scratch.extents, 1);
                 let means = selection.of_components(means, 1);
-                target.rebuild_uncoded(block, &remains.coefficients, &extents, &means, scratch)?;
+                target.rebuild_uncoded(block, &remains.coefficients, &means, scratch)?;
                 remains.corrections = Some((corrections, scratch.log.to_vec()));
             }
         }
@@ -122,7 +115,7 @@ impl<'a> Recoder<'a> {
             code_zeros(coder, ZEROS, block.shape, channels, || &remains.masks, &mut remains.zeros);
         }
         let quantization = target.coding.quantization;
-        walk.code(coder, quantization, block.shape, &mut remains.coefficients, &mut Vec::new())
+        walk.code(coder, quantization, block.shape, &remains.coefficients)
             .map_err(|_| "an extent or a coefficient is out of range")?;
         if let (Some(step), Some((corrections, log))) = (target.coding.correction, &mut remains.corrections) {
             let masks = &without_zeros(&remains.masks, &remains.zeros);
