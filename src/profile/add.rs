@@ -37,43 +37,67 @@ impl Task for Add<'_> {
         let [_, first_h, first_d, first_p] = block.origin;
         let [_, nh, nd, np] = block.shape;
         let n = block.positions();
+        let everywhere = profile.extremes[first_p..first_p + np]
+            .iter()
+            .fold([1f32, -1.0], |[low, high], step| [low.min(step[0]), high.max(step[1])]);
         let mut sides = [[[0f32; LANES]; MAX_KNOTS + 1]; 2];
+        let mut run = Run { knots: [0; RUN], fractions: [0.0; RUN], sums: [[0.0; LANES]; RUN] };
         for (i, j) in (0..nh).flat_map(|i| (0..nd).map(move |j| (i, j))) {
             let (h, d) = (first_h + i, first_d + j);
             let Some(row) = profile.row(h, d) else { continue };
+            let zones = profile.zones(row, everywhere);
+            if zones == [Zone::Above; 2] {
+                continue;
+            }
+            let changes = zones.contains(&Zone::Between);
             for (group, planes) in values.chunks_mut(LANES * n).enumerate() {
-                let mut told = false;
-                for at in (0..np).step_by(STEP) {
-                    let zones = profile.zones(row, first_p + at);
-                    if zones == [Zone::Above; 2] {
+                let start = (i * nd + j) * np;
+                let mut planes = planes.chunks_exact_mut(n).map(|plane| &mut plane[start..start + np]);
+                profile.tell(group, h, d, if changes { profile.knots - 1 } else { 1 }, &mut sides);
+                if !changes {
+                    add_constant(zones, &sides, planes);
+                    continue;
+                }
+                let mut planes: [&mut [f32]; LANES] = std::array::from_fn(|_| planes.next().unwrap_or_default());
+                let mut at = 0;
+                while at < np {
+                    // As many steps as are alike.
+                    let (start, zones) = (at, profile.zones(row, profile.extremes[first_p + at]));
+                    at += STEP;
+                    while at < np && at - start < RUN && profile.zones(row, profile.extremes[first_p + at]) == zones {
+                        at += STEP;
+                    }
+                    let targets = planes.iter_mut().filter(|plane| !plane.is_empty());
+                    let targets = targets.map(|plane| &mut plane[start..at.min(np)]);
+                    if !zones.contains(&Zone::Between) {
+                        add_constant(zones, &sides, targets);
                         continue;
                     }
-                    if !told {
-                        profile.tell(group, h, d, &mut sides);
-                        told = true;
-                    }
-                    let start = (i * nd + j) * np + at;
-                    let mut targets = planes.chunks_exact_mut(n).map(|plane| &mut plane[start..][..STEP.min(np - at)]);
-                    if zones.contains(&Zone::Between) {
-                        let sums = profile.sums(row, first_p + at, zones, &sides);
-                        targets.enumerate().for_each(|(lane, target)| add(target, |s| sums[s][lane]));
-                    } else {
-                        let below = sides.iter().zip(zones).filter(|(_, zone)| *zone == Zone::Below);
-                        let sum = below.fold([0.0; LANES], |sum, (side, _)| plus(sum, side[0]));
-                        sum.iter().zip(&mut targets).for_each(|(sum, target)| add(target, |_| *sum));
-                    }
+                    run.fill(profile, row, first_p + start, at - start, zones, &sides);
+                    targets.enumerate().for_each(|(lane, target)| {
+                        target.iter_mut().zip(&run.sums).for_each(|(value, sum)| *value += sum[lane]);
+                    });
                 }
             }
         }
     }
 }
 
+/// Adds to each component where neither direction is between.
+#[inline(always)]
+fn add_constant<'a>(zones: [Zone; 2], sides: &[Side; 2], targets: impl Iterator<Item = &'a mut [f32]>) {
+    let below = sides.iter().zip(zones).filter(|(_, zone)| *zone == Zone::Below);
+    let sum = below.fold([0.0; LANES], |sum, (side, _)| plus(sum, side[0]));
+    for (target, sum) in targets.zip(sum) {
+        target.iter_mut().for_each(|value| *value += sum);
+    }
+}
+
 impl Profile {
-    /// Where light and sensor are in the step from a bin of phi_d on.
+    /// Where light and sensor are over bins of phi_d whose cosines have these extremes.
     #[inline(always)]
-    fn zones(&self, row: Row, at: usize) -> [Zone; 2] {
+    fn zones(&self, row: Row, [low, high]: [f32; 2]) -> [Zone; 2] {
         let Row { middle, swing } = row;
-        let [low, high] = self.extremes[at];
         let (a, b) = (swing * low, swing * high);
         let (low, high) = if a < b { (a, b) } else { (b, a) };
         let zone = |low: f32, high: f32| {
@@ -88,13 +112,13 @@ impl Profile {
         [zone(middle - high, middle - low), zone(middle + low, middle + high)]
     }
 
-    /// Profiles of a few components over the elevation of light and of sensor at a bin of theta_h and theta_d.
+    /// Profiles of a few components over the elevation of light and of sensor at a bin of theta_h and theta_d, at the first knots.
     #[inline(always)]
-    fn tell(&self, group: usize, h: usize, d: usize, sides: &mut [Side; 2]) {
+    fn tell(&self, group: usize, h: usize, d: usize, knots: usize, sides: &mut [Side; 2]) {
         let k = self.knots;
         let of_bin = |table: usize, bins: usize, bin: usize| {
             // Flat, so that it vectorises whatever the lanes are.
-            self.tables[table][(group * bins + bin) * k..][..k - 1].as_flattened().iter()
+            self.tables[table][(group * bins + bin) * k..][..knots].as_flattened().iter()
         };
         let (nh, nd) = (self.theta_h.len(), self.theta_d.len());
         let even = of_bin(0, nh, h).zip(of_bin(2, nd, d));
@@ -107,42 +131,44 @@ impl Profile {
             *sensor = even - odd;
         }
     }
+}
 
-    /// The profile at the positions of a step.
+/// Most positions that go together.
+const RUN: usize = 8 * STEP;
+
+/// Positions of a row that follow each other.
+struct Run {
+    knots: [u32; RUN],
+    fractions: [f32; RUN],
+    sums: [Lanes; RUN],
+}
+
+impl Run {
+    /// The profile at so many positions, whole steps, from one on. One thing after the other for all: like this the compiler finds the
+    /// vectors.
     #[inline(always)]
-    fn sums(&self, row: Row, at: usize, zones: [Zone; 2], sides: &[Side; 2]) -> [Lanes; STEP] {
-        let cos = &self.phi_d[at..][..STEP];
-        let mut sums = [[0f32; LANES]; STEP];
+    fn fill(&mut self, profile: &Profile, row: Row, at: usize, length: usize, zones: [Zone; 2], sides: &[Side; 2]) {
+        let (knots, fractions, sums) =
+            (&mut self.knots[..length], &mut self.fractions[..length], &mut self.sums[..length]);
+        let cos = &profile.phi_d[at..][..length];
+        sums.fill([0.0; LANES]);
         for (sign, (zone, side)) in [-1.0, 1.0].into_iter().zip(zones.into_iter().zip(sides)) {
-            if zone != Zone::Above {
-                let mut elevations = [0f32; STEP];
-                for s in 0..STEP {
-                    elevations[s] = row.middle + sign * (row.swing * cos[s]);
+            if zone == Zone::Above {
+                continue;
+            }
+            for (cos, (knot, fraction)) in cos.iter().zip(knots.iter_mut().zip(&mut *fractions)) {
+                (*knot, *fraction) = place(profile.root(row.middle + sign * (row.swing * cos)));
+            }
+            for (sums, (knot, fraction)) in sums.iter_mut().zip(knots.iter().zip(&*fractions)) {
+                // At most the last: the remainder saves a check.
+                let knot = *knot as usize % MAX_KNOTS;
+                let (here, next) = (side[knot], side[knot + 1]);
+                let mut more = [0f32; LANES];
+                for lane in 0..LANES {
+                    more[lane] = here[lane] + (next[lane] - here[lane]) * fraction;
                 }
-                self.add_side(side, elevations, &mut sums);
+                *sums = plus(*sums, more);
             }
-        }
-        sums
-    }
-
-    /// One thing after the other for all positions: like this the compiler finds the vectors.
-    #[inline(always)]
-    fn add_side(&self, side: &Side, mut elevations: [f32; STEP], sums: &mut [Lanes; STEP]) {
-        let roots = &mut elevations;
-        roots.iter_mut().for_each(|root| *root = self.root(*root));
-        let (mut knots, mut fractions) = ([0u32; STEP], [0f32; STEP]);
-        for s in 0..STEP {
-            (knots[s], fractions[s]) = place(roots[s]);
-        }
-        for s in 0..STEP {
-            // At most the last: the remainder saves a check.
-            let knot = knots[s] as usize % MAX_KNOTS;
-            let (here, next) = (side[knot], side[knot + 1]);
-            let mut more = [0f32; LANES];
-            for lane in 0..LANES {
-                more[lane] = here[lane] + (next[lane] - here[lane]) * fractions[s];
-            }
-            sums[s] = plus(sums[s], more);
         }
     }
 }
@@ -154,13 +180,4 @@ fn plus(a: Lanes, b: Lanes) -> Lanes {
         sum[lane] = a[lane] + b[lane];
     }
     sum
-}
-
-/// Adds to the positions of a step, of which a row may end before the last.
-#[inline(always)]
-fn add(target: &mut [f32], more: impl Fn(usize) -> f32) {
-    match <&mut [f32; STEP]>::try_from(&mut *target) {
-        Ok(whole) => whole.iter_mut().enumerate().for_each(|(s, value)| *value += more(s)),
-        Err(_) => target.iter_mut().enumerate().for_each(|(s, value)| *value += more(s)),
-    }
 }
