@@ -43,8 +43,11 @@ pub(crate) type Term = (u32, f32);
 /// Buffers of a synthesis.
 #[derive(Debug, Default)]
 pub(crate) struct Lines {
-    values: Vec<f32>,
-    /// Those that are not zero throughout, of the axis at hand.
+    /// Sums of one line; the DFT's whole spectra.
+    sums: Vec<f32>,
+    /// What comes of one axis and goes into the next.
+    buffers: [Vec<f32>; 2],
+    /// Numbers of the lines that are not zero throughout, of the axis at hand.
     used: Vec<u32>,
 }
 
@@ -123,7 +126,7 @@ impl Synthesis {
             Basis::Dft => {
                 values.fill(0.0);
                 terms.iter().for_each(|&(position, value)| values[position as usize] = value);
-                level.run(dft::Synthesize { axes, values, scratch: &mut lines.values });
+                level.run(dft::Synthesize { axes, values, scratch: &mut lines.sums });
             }
         }
     }

@@ -39,36 +39,58 @@ impl Task for Synthesize<'_> {
         while axes[3].n == 1 {
             axes.rotate_right(1);
         }
-        let mut inner = axes[3].n;
-        rows(axes[3], terms, values, lines);
+        let (last, mut inner) = (axes[3], axes[3].n);
+        let mut stages = axes[..3].iter().rev().filter(|table| table.n > 1).peekable();
+        // From one buffer to the other, lines in use after each other, until the last stage writes the block.
+        let Lines { sums, buffers: [from, to], used: numbers } = lines;
+        let (mut from, mut to) = (from, to);
+        if stages.peek().is_none() {
+            return rows(last, terms, sums, numbers, values);
+        }
+        // At most one for each.
+        rows(last, terms, sums, numbers, room(from, (terms.len() * inner).min(values.len())));
         let mut used = Used::default();
-        for table in axes[..3].iter().rev().filter(|table| table.n > 1) {
+        while let Some(table) = stages.next() {
             let n = table.n;
-            let (mut at, mut bundles) = (0, 0);
-            while at < lines.used.len() {
-                let number = lines.used[at] as usize / n;
-                at += used.find(number * n..(number + 1) * n, inner, &lines.used[at..]);
-                bundle(table, &used, inner, &mut values[number * n * inner..][..n * inner], &mut lines.values);
-                lines.used[bundles] = number as u32;
-                bundles += 1;
+            let bundles = numbers.chunk_by(|a, b| *a as usize / n == *b as usize / n).count();
+            let target = if stages.peek().is_none() { &mut *values } else { room(to, bundles * n * inner) };
+            let mut source = &from[..];
+            let mut at = 0;
+            for (bundle, lines) in target.chunks_exact_mut(n * inner).take(bundles).enumerate() {
+                let number = numbers[at] as usize / n;
+                let found = used.find(number * n..(number + 1) * n, inner, &numbers[at..]);
+                side_by_side(table, &used, inner, source, lines);
+                source = &source[found * inner..];
+                at += found;
+                numbers[bundle] = number as u32;
             }
-            lines.used.truncate(bundles);
+            numbers.truncate(bundles);
             inner *= n;
+            std::mem::swap(&mut from, &mut to);
         }
     }
 }
 
-/// Along the last axis, the lines that have a coefficient; tells which.
+/// So many values, whatever stands in them.
 #[inline(always)]
-fn rows(table: &AxisTable, mut terms: &[Term], values: &mut [f32], lines: &mut Lines) {
+fn room(buffer: &mut Vec<f32>, length: usize) -> &mut [f32] {
+    if buffer.len() < length {
+        buffer.resize(length, 0.0);
+    }
+    &mut buffer[..length]
+}
+
+/// The lines along the last axis that have a coefficient, and their numbers.
+#[inline(always)]
+fn rows(table: &AxisTable, mut terms: &[Term], sums: &mut Vec<f32>, numbers: &mut Vec<u32>, target: &mut [f32]) {
     let n = table.n;
     let half = n.div_ceil(2);
-    lines.used.clear();
-    lines.values.resize((2 * half).max(lines.values.len()), 0.0);
-    let (even, odd) = lines.values[..2 * half].split_at_mut(half);
-    while let Some(&(position, _)) = terms.first() {
+    numbers.clear();
+    let (even, odd) = room(sums, 2 * half).split_at_mut(half);
+    let mut lines = target.chunks_exact_mut(n);
+    while let (Some(&(position, _)), Some(line)) = (terms.first(), lines.next()) {
         let row = position as usize / n;
-        lines.used.push(row as u32);
+        numbers.push(row as u32);
         even.fill(0.0);
         odd.fill(0.0);
         while let Some((&(position, value), rest)) = terms.split_first() {
@@ -82,7 +104,7 @@ fn rows(table: &AxisTable, mut terms: &[Term], values: &mut [f32], lines: &mut L
             }
             terms = rest;
         }
-        let (front, back) = values[row * n..][..n].split_at_mut(half);
+        let (front, back) = line.split_at_mut(half);
         for ((value, e), o) in back.iter_mut().rev().zip(even.iter()).zip(odd.iter()) {
             *value = e - o;
         }
@@ -114,35 +136,28 @@ impl Used {
 
 /// `inner` lines side by side along an axis that is not the last.
 #[inline(always)]
-fn bundle(table: &AxisTable, used: &Used, inner: usize, lines: &mut [f32], scratch: &mut Vec<f32>) {
-    let size = used.0.iter().map(|used| used.len() * inner).sum();
-    if scratch.len() < size {
-        scratch.resize(size, 0.0);
-    }
-    for &(k, place) in used.0.iter().flatten() {
-        scratch[place..place + inner].copy_from_slice(&lines[k * inner..(k + 1) * inner]);
-    }
+fn side_by_side(table: &AxisTable, used: &Used, inner: usize, source: &[f32], lines: &mut [f32]) {
     let mut at = 0;
     while inner - at >= LANES {
-        lanes::<LANES>(table, used, inner, at, scratch, lines);
+        lanes::<LANES>(table, used, inner, at, source, lines);
         at += LANES;
     }
     if inner - at > FEW && inner >= LANES {
         // Some of them once more, from the same source, rather than in steps of few.
-        lanes::<LANES>(table, used, inner, inner - LANES, scratch, lines);
+        lanes::<LANES>(table, used, inner, inner - LANES, source, lines);
         return;
     }
     while inner - at >= FEW {
-        lanes::<FEW>(table, used, inner, at, scratch, lines);
+        lanes::<FEW>(table, used, inner, at, source, lines);
         at += FEW;
     }
     if at < inner && inner >= FEW {
         // Likewise.
-        lanes::<FEW>(table, used, inner, inner - FEW, scratch, lines);
+        lanes::<FEW>(table, used, inner, inner - FEW, source, lines);
         return;
     }
     for at in at..inner {
-        lanes::<1>(table, used, inner, at, scratch, lines);
+        lanes::<1>(table, used, inner, at, source, lines);
     }
 }
 
