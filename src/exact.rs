@@ -168,8 +168,10 @@ pub(crate) fn exp32(x: f32) -> f32 {
     one[0]
 }
 
-/// Lanes that [`exp32_lanes`] does best with.
-pub(crate) const LANES: usize = 32;
+/// Lanes that [`exp32_lanes`] does best with, and where fewer are left. Of 32 the compiler makes straight code, and puts one vector of it
+/// after the other.
+pub(crate) const LANES: usize = 128;
+pub(crate) const FEWER_LANES: usize = 32;
 
 /// [`exp32`] of each, in place. One after the other they would take half as long again: the processor looks ahead some sixty operations,
 /// and in those few can start, since each waits for the one before. Step by step for many, most can.

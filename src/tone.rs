@@ -1,6 +1,6 @@
 //! Tone map: values in 1/sr to the log domain and back (spec section 4.1).
 
-use crate::exact::{LANES, exp32, exp32_lanes, exp64};
+use crate::exact::{FEWER_LANES, LANES, exp32, exp32_lanes, exp64};
 
 /// L = ln(f + eps). `f` in 1/sr, not negative; `eps` in 1/sr, positive: below it values lose relative precision.
 #[cfg(feature = "encode")]
@@ -17,14 +17,22 @@ pub fn inverse_tone_map(log: f32, eps: f32) -> f32 {
 /// [`inverse_tone_map`] of each, in place.
 #[inline(always)]
 pub(crate) fn inverse_tone_maps(values: &mut [f32], eps: f32) {
-    let mut chunks = values.chunks_exact_mut(LANES);
+    let rest = together::<LANES>(values, eps);
+    let rest = together::<FEWER_LANES>(rest, eps);
+    together::<1>(rest, eps);
+}
+
+/// So many at a time; gives what is left over.
+#[inline(always)]
+fn together<const N: usize>(values: &mut [f32], eps: f32) -> &mut [f32] {
+    let mut chunks = values.chunks_exact_mut(N);
     for chunk in &mut chunks {
-        if let Ok(lanes) = <&mut [f32; LANES]>::try_from(chunk) {
+        if let Ok(lanes) = <&mut [f32; N]>::try_from(chunk) {
             exp32_lanes(lanes);
             lanes.iter_mut().for_each(|value| *value = (*value - eps).max(0.0));
         }
     }
-    chunks.into_remainder().iter_mut().for_each(|value| *value = inverse_tone_map(*value, eps));
+    chunks.into_remainder()
 }
 
 /// f = max(exp(L) - eps, 0) in double precision from the same single-precision L, for tables beyond f32's range.

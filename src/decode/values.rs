@@ -5,7 +5,7 @@ use std::mem::MaybeUninit;
 use super::rebuild::{Header, Scratch};
 use super::table::copy_rows;
 use crate::channel::ChannelTransform;
-use crate::exact::{LANES, exp32_lanes};
+use crate::exact::{FEWER_LANES, LANES, exp32_lanes};
 use crate::simd::Task;
 use crate::tone::inverse_tone_maps;
 
@@ -140,6 +140,10 @@ impl<P: Place<f32>> Task for Opponent<'_, P> {
         while len - at >= LANES {
             self.convert::<LANES>(at);
             at += LANES;
+        }
+        while len - at >= FEWER_LANES {
+            self.convert::<FEWER_LANES>(at);
+            at += FEWER_LANES;
         }
         while len - at >= FEW {
             self.convert::<FEW>(at);
