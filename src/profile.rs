@@ -237,7 +237,7 @@ mod tests {
             let mut expected = before.clone();
             by_the_formula(&grid, knots, zone, &tables, &block, &mut expected);
             let profile = Profile::new(&grid, knots, zone, tables).unwrap();
-            for level in [Level::baseline(), Level::detect()] {
+            for level in Level::all() {
                 let mut values = before.clone();
                 profile.add(level, &block, &mut values);
                 let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();

@@ -8,7 +8,7 @@
 # addresses     every fuzz target for a minute under the address sanitizer
 # miri          unit tests of the decoder under Miri: a small block, the smallest golden files as a whole, both levels of vector
 #               instructions; not the map of a file, which Miri cannot make (nightly, miri; a quarter of an hour)
-# rust-version  everything compiles with the oldest Rust that Cargo.toml names, the decoder alone with an older one
+# rust-version  everything compiles with the oldest Rust that Cargo.toml names (tools/cross.sh: the decoder alone with an older one)
 # benches       tools/bench, which has a criterion that nothing else needs, runs
 # advisories    no crate with a licence or from a place that deny.toml does not allow, none that was yanked, and none with an advisory
 #               against it, where the list of these can be had (cargo-deny)
@@ -48,9 +48,6 @@ for check in "$@"; do
         for manifest in Cargo.toml tools/capi/Cargo.toml; do
             CARGO_TARGET_DIR=$target/oldest cargo "+$oldest" check --locked --manifest-path "$manifest" --all-targets
         done
-        # The decoder alone does with what Debian has for tools/cross.sh, 1.85, and one release more on x86-64.
-        rustup toolchain install 1.86 --profile minimal >/dev/null 2>&1 || { skip rust-version "no Rust 1.86"; continue; }
-        CARGO_TARGET_DIR=$target/oldest cargo +1.86 check --locked --ignore-rust-version --no-default-features --lib --test golden
         ;;
     benches)
         cargo clippy --locked --manifest-path tools/bench/Cargo.toml --target-dir "$target/benches" --all-targets -- -D warnings

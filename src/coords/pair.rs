@@ -172,7 +172,7 @@ mod tests {
         #[test]
         fn a_batch_gives_the_angles_of_each_pair(pairs in prop::collection::vec((direction(), direction()), 1..if cfg!(miri) { 5 } else { BATCH })) {
             let (wi, wo): (Vec<[f64; 3]>, Vec<[f64; 3]>) = pairs.iter().copied().unzip();
-            for level in [Level::baseline(), Level::detect()] {
+            for level in Level::all() {
                 let mut batch = Batch::new();
                 level.run(Fill { wi: &wi, wo: &wo, out: &mut batch.0 });
                 for (i, &(wi, wo)) in pairs.iter().enumerate() {

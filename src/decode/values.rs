@@ -203,7 +203,7 @@ mod tests {
                     (0..len).map(|i| inverse_tone_map(log(i), eps)).collect()
                 })
                 .collect();
-            for level in [Level::baseline(), Level::detect()] {
+            for level in Level::all() {
                 let mut rows = [vec![f32::NAN; len], vec![f32::NAN; len], vec![f32::NAN; len]];
                 let [r, g, b] = &mut rows;
                 level.run(Opponent { matrix, eps, from, to: [r, g, b] });

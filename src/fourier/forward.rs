@@ -378,21 +378,26 @@ mod tests {
     fn every_level_agrees() {
         for basis in [Basis::Dct, Basis::Dft] {
             for shape in SHAPES {
-                let mut best = noise(shape.iter().product(), 11);
-                let mut baseline = best.clone();
-                let mut transforms =
-                    [Level::detect(), Level::baseline()].map(|l| <Transform>::at_level(basis, shape, l));
                 let close = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-13);
-                transforms[0].analyze(&mut best);
-                transforms[1].analyze(&mut baseline);
-                assert!(close(&best, &baseline), "{basis:?} {shape:?}");
-                transforms[0].synthesize(&mut best);
-                transforms[1].synthesize(&mut baseline);
-                assert!(close(&best, &baseline), "{basis:?} {shape:?}");
-                let mut single: Vec<f32> = best.iter().map(|&v| v as f32).collect();
-                SingleTransform::at_level(basis, shape, Level::baseline()).analyze(&mut single);
-                transforms[0].analyze(&mut best);
-                assert!(best.iter().zip(&single).all(|(a, b)| (a - f64::from(*b)).abs() < 2e-6), "{basis:?} {shape:?}");
+                let values = noise(shape.iter().product(), 11);
+                let at = |level: Level| {
+                    let mut transform = <Transform>::at_level(basis, shape, level);
+                    let mut coefficients = values.clone();
+                    transform.analyze(&mut coefficients);
+                    let mut back = coefficients.clone();
+                    transform.synthesize(&mut back);
+                    let mut single: Vec<f32> = values.iter().map(|&v| v as f32).collect();
+                    SingleTransform::at_level(basis, shape, level).analyze(&mut single);
+                    (coefficients, back, single)
+                };
+                let (coefficients, back, _) = at(Level::detect());
+                for level in Level::all() {
+                    let (others, others_back, single) = at(level);
+                    assert!(close(&coefficients, &others), "{basis:?} {shape:?} {level:?}");
+                    assert!(close(&back, &others_back), "{basis:?} {shape:?} {level:?}");
+                    let mut near = coefficients.iter().zip(&single);
+                    assert!(near.all(|(a, b)| (a - f64::from(*b)).abs() < 2e-6), "{basis:?} {shape:?} {level:?}");
+                }
             }
         }
     }
