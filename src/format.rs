@@ -105,7 +105,7 @@ pub struct Limits {
     /// block a thread. It takes up to some 1 us of a processor a value (a hostile file with
     /// long blocks; 20 ns is usual).
     pub table_values: usize,
-    /// Most values of one block, at most [`MAX_BLOCK_VALUES`], and of a table of the profile; rebuilding it takes some 20 bytes a value.
+    /// Most values of one block, at most [`MAX_BLOCK_VALUES`], and of a table of the profile; rebuilding it takes 40 bytes a value at most.
     pub block_values: usize,
 }
 

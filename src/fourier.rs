@@ -47,7 +47,7 @@ pub(crate) struct Lines {
     sums: Vec<f32>,
     /// What comes of one axis and goes into the next.
     buffers: [Vec<f32>; 2],
-    /// Numbers of the lines that are not zero throughout, of the axis at hand.
+    /// Numbers of the lines that have a term, of the axis at hand.
     used: Vec<u32>,
 }
 
@@ -111,7 +111,7 @@ impl Synthesis {
         self.tables[at].1.get_or_init(|| AxisTable::new(self.basis, n))
     }
 
-    /// The values of a block from its coefficients: that at index 0, and in the order of positions those that are not zero.
+    /// The values of a block from its coefficients: that at index 0, be it zero, then in the order of positions those that are not zero.
     pub(crate) fn synthesize(
         &self,
         level: Level,
@@ -120,6 +120,7 @@ impl Synthesis {
         values: &mut [f32],
         lines: &mut Lines,
     ) {
+        debug_assert!(terms.first().is_some_and(|term| term.0 == 0), "the coefficient at index 0");
         let axes = shape.map(|n| self.axis(n));
         match self.basis {
             Basis::Dct => level.run(dct::Synthesize { axes, terms, values, lines }),

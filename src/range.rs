@@ -14,6 +14,7 @@ pub(crate) trait Coder: Default {
     /// The low `bits` (at most 31) bits of `value`, all equally likely, high bit first.
     fn raw(&mut self, value: u32, bits: u32) -> u32;
     /// `count` ones and a zero, none if it is `limit`; each under a context of its own, from `first` on.
+    #[inline(always)]
     fn unary(&mut self, first: usize, limit: u32, count: u32) -> u32 {
         let mut ones = 0;
         while ones < limit && self.bit(first + ones as usize, ones < count) {
@@ -149,28 +150,6 @@ impl Coder for Decoder<'_> {
         }
         (self.range, self.code) = (range, code);
         value
-    }
-
-    // The numbers in registers, three quarters of the time: behind a reference each decision waits for the one before to be
-    // stored, since nobody can tell that states are elsewhere.
-    #[inline(always)]
-    fn unary(&mut self, first: usize, limit: u32, _: u32) -> u32 {
-        let (mut range, mut code, mut at) = (self.range, self.code, self.at);
-        let mut ones = 0;
-        for state in &mut self.states[first..first + limit as usize] {
-            let bit = state.decide(&mut range, &mut code);
-            while range < 1 << 24 {
-                range <<= 8;
-                code = code << 8 | u32::from(self.data.get(at).copied().unwrap_or(0));
-                at += 1;
-            }
-            if !bit {
-                break;
-            }
-            ones += 1;
-        }
-        (self.range, self.code, self.at) = (range, code, at);
-        ones
     }
 }
 

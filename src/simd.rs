@@ -37,7 +37,7 @@ impl Level {
     pub(crate) fn detect() -> Level {
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
-            // The last came with processors that are no longer slowed down by the others.
+            // VBMI2 came with processors that the others no longer slow down.
             let wide = is_x86_feature_detected!("avx512f")
                 && is_x86_feature_detected!("avx512bw")
                 && is_x86_feature_detected!("avx512dq")
@@ -70,7 +70,7 @@ impl Level {
         match self.0 {
             Kind::Baseline => task.run::<BASELINE_FUSED>(),
             #[cfg(target_arch = "x86_64")]
-            // SAFETY: a level of these kinds comes of `detect` alone, which found all of the features.
+            // SAFETY: a level of these kinds comes of what `detect` found, which are all of the features.
             Kind::Avx2 => unsafe { avx2(task) },
             #[cfg(target_arch = "x86_64")]
             // SAFETY: likewise.

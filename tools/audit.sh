@@ -6,9 +6,9 @@
 # wasm          golden files and look-ups as a WebAssembly module: tools/wasm.sh
 # threads       tests/threads.rs under the thread sanitizer, the standard library included (nightly, rust-src)
 # addresses     every fuzz target for a minute under the address sanitizer
-# miri          unit tests of the decoder under Miri: a small block, the smallest golden files as a whole, both levels of vector
-#               instructions; not the map of a file, which Miri cannot make (nightly, miri; a quarter of an hour)
-# rust-version  everything compiles with the oldest Rust that Cargo.toml names (tools/cross.sh: the decoder alone with an older one)
+# miri          unit tests of the decoder under Miri: a small block, the smallest golden files as a whole, without vector
+#               instructions and with AVX2; not the map of a file, which Miri cannot make (nightly, miri; a quarter of an hour)
+# rust-version  everything compiles with the oldest Rust that Cargo.toml names, the decoder alone with an older one but for x86-64
 # benches       tools/bench, which has a criterion that nothing else needs, runs
 # advisories    no crate with a licence or from a place that deny.toml does not allow, none that was yanked, and none with an advisory
 #               against it, where the list of these can be had (cargo-deny)
@@ -48,6 +48,11 @@ for check in "$@"; do
         for manifest in Cargo.toml tools/capi/Cargo.toml; do
             CARGO_TARGET_DIR=$target/oldest cargo "+$oldest" check --locked --manifest-path "$manifest" --all-targets
         done
+        # The decoder alone does with what Debian has for tools/cross.sh, 1.85, wherever there is no AVX-512 to write for.
+        target_flags="--profile minimal --target aarch64-unknown-linux-gnu"
+        rustup toolchain install 1.85 $target_flags >/dev/null 2>&1 || { skip rust-version "no Rust 1.85"; continue; }
+        CARGO_TARGET_DIR=$target/oldest cargo +1.85 check --locked --ignore-rust-version --no-default-features --lib --test golden \
+            --target aarch64-unknown-linux-gnu
         ;;
     benches)
         cargo clippy --locked --manifest-path tools/bench/Cargo.toml --target-dir "$target/benches" --all-targets -- -D warnings

@@ -69,25 +69,20 @@ impl Header {
         let mut at = 0;
         for ((red, green), blue) in red.chunks_mut(count).zip(green.chunks_mut(count)).zip(blue.chunks_mut(count)) {
             let len = red.len() * length;
-            let from = [0, n, 2 * n].map(|plane| &scratch.log[plane + at..][..len]);
+            let planes = [0, n, 2 * n].map(|plane| plane + at..plane + at + len);
+            let from = planes.clone().map(|here| &scratch.log[here]);
+            let zeros = planes.map(|here| scratch.zeros.get(here).unwrap_or_default());
             at += len;
             if let ([red], [green], [blue]) = (&mut *red, &mut *green, &mut *blue) {
-                self.level.run(Opponent { matrix, eps, from, to: [red, green, blue] });
+                self.level.run(Opponent { matrix, eps, from, zeros, to: [red, green, blue] });
                 continue;
             }
             let [r, g, b] = &mut values;
-            self.level.run(Opponent { matrix, eps, from, to: [&mut r[..len], &mut g[..len], &mut b[..len]] });
+            let to = [&mut r[..len], &mut g[..len], &mut b[..len]];
+            self.level.run(Opponent { matrix, eps, from, zeros, to });
             for (rows, values) in [red, green, blue].into_iter().zip(&values) {
                 copy_rows(rows.iter_mut().map(|row| &mut **row), &values[..]);
             }
-        }
-        let mut zeros = &scratch.zeros[..];
-        for row in rows.iter_mut().filter(|_| !scratch.zeros.is_empty()) {
-            let (here, rest) = zeros.split_at(row.len());
-            if here.contains(&true) {
-                row.iter_mut().zip(here).filter(|(_, zero)| **zero).for_each(|(place, _)| place.put(0.0));
-            }
-            zeros = rest;
         }
     }
 }
@@ -126,6 +121,8 @@ struct Opponent<'a, P> {
     matrix: &'a [f32; 9],
     eps: f32,
     from: [&'a [f32]; 3],
+    /// Which values are exactly zero, whatever the components say; empty where none are.
+    zeros: [&'a [bool]; 3],
     to: [&'a mut [P]; 3],
 }
 
@@ -170,6 +167,11 @@ impl<P: Place<f32>> Opponent<'_, P> {
                 values[i] = (x[i] * m[c] + y[i] * m[3 + c]) + z[i] * m[6 + c];
             }
             exp32_lanes(&mut values);
+            if let Some(zeros) = self.zeros[c].get(at..at + W) {
+                for i in 0..W {
+                    values[i] = if zeros[i] { 0.0 } else { values[i] };
+                }
+            }
             for (place, value) in to[at..at + W].iter_mut().zip(values) {
                 place.put((value - self.eps).max(0.0));
             }
@@ -190,7 +192,7 @@ mod tests {
         let ChannelTransform::Matrix(m) = &opponent else { unreachable!() };
         let matrix: &[f32; 9] = m.as_slice().try_into().unwrap();
         let eps = 1e-3;
-        let few = [1, FEW + 1, LANES + FEW + 3];
+        let few = [1, FEW + 1, LANES + FEWER_LANES + FEW + 3];
         for len in (0..3 * LANES).chain([TOGETHER - 1, TOGETHER]).filter(|len| !cfg!(miri) || few.contains(len)) {
             // Some so low that only eps is left, some beyond what a float holds.
             let plane =
@@ -206,12 +208,12 @@ mod tests {
             for level in Level::all() {
                 let mut rows = [vec![f32::NAN; len], vec![f32::NAN; len], vec![f32::NAN; len]];
                 let [r, g, b] = &mut rows;
-                level.run(Opponent { matrix, eps, from, to: [r, g, b] });
+                level.run(Opponent { matrix, eps, from, zeros: [&[]; 3], to: [r, g, b] });
                 let bits = |row: &Vec<f32>| row.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
                 assert!(rows.iter().map(bits).eq(expected.iter().map(bits)), "{len}");
                 let mut places = [(); 3].map(|()| vec![MaybeUninit::uninit(); len]);
                 let [r, g, b] = &mut places;
-                level.run(Opponent { matrix, eps, from, to: [r, g, b] });
+                level.run(Opponent { matrix, eps, from, zeros: [&[]; 3], to: [r, g, b] });
                 for (places, expected) in places.iter().zip(&expected) {
                     // SAFETY: each was written to, or this test fails under Miri.
                     #[allow(unsafe_code)]

@@ -95,15 +95,7 @@ impl Step {
         contexts.iter_mut().for_each(|context| *context *= LEVELS as u8);
         let mut quiet = [0; WIDTH];
         for i in 0..WIDTH {
-            quiet[i] = sums[i].min(6);
-        }
-        for start in [7, 9, 12, 17, 29] {
-            for i in 0..WIDTH {
-                quiet[i] += u8::from(sums[i] >= start);
-            }
-        }
-        for i in 0..WIDTH {
-            quiet[i] += contexts[i];
+            quiet[i] = contexts[i] + level(sums[i]);
         }
         Step { class, sums, sisters, contexts, quiet }
     }
@@ -127,5 +119,83 @@ impl Step {
         let sum = u32::from(self.sums[i]) + 2 * one + two + 3 * u32::from(self.sisters[i]);
         let level = usize::from(LEVEL[sum.min(255) as usize]).saturating_sub(3).min(MAGNITUDE_LEVELS - 1);
         EXPONENT + (self.class * MAGNITUDE_LEVELS + level) * EXPONENTS
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Place of a coefficient in magnitudes that are padded as the walk does it, by its indices plus one.
+    fn place([_, n1, n2, n3]: [usize; 4], [i, j, k, l]: [usize; 4]) -> usize {
+        ((i * (n1 + 1) + j) * (n2 + 2) + k) * (n3 + 3) + l + 1
+    }
+
+    fn coded(shape: [usize; 4], magnitudes: &[u8]) -> Coded {
+        let mut coded = Coded::default();
+        coded.reserve((shape[0] + 1) * (shape[1] + 1) * (shape[2] + 2), shape[3] + 3);
+        for (at, magnitude) in crate::block::positions(shape).zip(magnitudes) {
+            coded.magnitudes[place(shape, at.map(|at| at + 1))] = *magnitude;
+        }
+        coded
+    }
+
+    proptest! {
+        /// Section 4.6 of the specification, for one coefficient after the other.
+        #[test]
+        fn contexts_are_those_of_the_specification(
+            shape in (1usize..4, 1usize..4, 1usize..5, 1usize..40), class in 0usize..3, seed in any::<u64>(), zeros in 0u64..10,
+            one in prop_oneof![0u32..4, 0u32..256], two in prop_oneof![0u32..4, 0u32..256], steps in 0usize..4
+        ) {
+            let shape = <[usize; 4]>::from(shape);
+            let mut random = crate::sample::SplitMix64(seed);
+            let n: usize = shape.iter().product();
+            let mut magnitude = || match (random.next_u64() % 10, random.next_u64()) {
+                (kind, _) if kind < zeros => 0,
+                (9, any) => any as u8,
+                (_, any) => (any % 6) as u8,
+            };
+            let magnitudes: [Vec<u8>; 2] = std::array::from_fn(|_| (0..n).map(|_| magnitude()).collect());
+            let index = |[i, j, k, l]: [usize; 4]| ((i * shape[1] + j) * shape[2] + k) * shape[3] + l;
+            let [now, sister] = [0, 1].map(|channel| coded(shape, &magnitudes[channel]));
+            let mut all_quarters = Vec::new();
+            quarters(shape, &mut all_quarters);
+            let [origin, above, before, outer] = [[1; 4], [1, 1, 0, 1], [1, 0, 1, 1], [0, 1, 1, 1]].map(|at| place(shape, at));
+            let neighbours = Neighbours { above: origin - above, before: origin - before, outer: origin - outer };
+            let from = (steps * WIDTH).min((shape[3] - 1) / WIDTH * WIDTH);
+            for at in crate::block::positions(shape).filter(|at| at[3] == from) {
+                let [i, j, k, _] = at;
+                let start = place(shape, at.map(|at| at + 1));
+                let step = Step::new(class, &now, &sister, start, neighbours, &all_quarters[i + j + k + from..]);
+                for l in from..shape[3].min(from + WIDTH) {
+                    let m = |di: usize, dj: usize, dk: usize, l: usize| match (i.checked_sub(di), j.checked_sub(dj), k.checked_sub(dk)) {
+                        (Some(i), Some(j), Some(k)) if l < shape[3] => u32::from(magnitudes[0][index([i, j, k, l])]),
+                        _ => 0,
+                    };
+                    // j - 1 and k + 1: of the row before along the second axis.
+                    let diagonal = if j > 0 && k + 1 < shape[2] { u32::from(magnitudes[0][index([i, j - 1, k + 1, l])]) } else { 0 };
+                    let sum = 2 * (one + m(0, 0, 1, l) + m(0, 1, 0, l)) + two + m(0, 0, 1, l + 1) + m(0, 1, 0, l + 1) + diagonal
+                        + m(1, 0, 0, l);
+                    let sister = u32::from(magnitudes[1][index([i, j, k, l])]);
+                    let level = |sum: u32| match sum {
+                        0..=6 => sum as usize,
+                        7..=8 => 7,
+                        9..=11 => 8,
+                        12..=16 => 9,
+                        17..=28 => 10,
+                        _ => 11,
+                    };
+                    let place = (4 * (i + j + k + l) / shape.iter().sum::<usize>()).min(3);
+                    let context = ((class * 3 + sister.min(2) as usize) * 4 + place) * 12 + level(sum);
+                    let mut state = State::default();
+                    prop_assert_eq!(step.significant(l - from, [one, two], state), SIGNIFICANT + context);
+                    state = state.after(1);
+                    prop_assert_eq!(step.significant(l - from, [one, two], state), SIGNIFICANT_ODD + context);
+                    let magnitude = level(sum + 3 * sister).saturating_sub(3).min(7);
+                    prop_assert_eq!(step.exponents(l - from, [one, two]), EXPONENT + (class * 8 + magnitude) * 25);
+                }
+            }
+        }
     }
 }

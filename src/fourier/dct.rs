@@ -2,7 +2,7 @@
 //!
 //! For each axis, position i and its mirror image share their products: the sum E over the even frequencies and
 //! the sum O over the odd ones, both ascending and from zero, give E + O at i and E - O at the mirror. Adding a
-//! zero term changes no sum, so frequencies beyond the extents are left out.
+//! zero term changes no sum, so coefficients that are zero, and lines of them, are left out.
 
 use std::ops::Range;
 
@@ -98,7 +98,7 @@ fn rows(table: &AxisTable, mut terms: &[Term], sums: &mut Vec<f32>, numbers: &mu
             if k >= n {
                 break;
             }
-            let sums = if k.is_multiple_of(2) { &mut *even } else { &mut *odd };
+            let sums = if k & 1 == 0 { &mut *even } else { &mut *odd };
             for (sum, c) in sums.iter_mut().zip(&table.cos[k * half..][..half]) {
                 *sum += value * c;
             }

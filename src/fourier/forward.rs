@@ -326,7 +326,7 @@ mod tests {
             for shape in SHAPES {
                 let n: usize = shape.iter().product();
                 let mut double = noise(n, 8);
-                // Leave out the high frequencies, so that extents matter.
+                // Leave out the high frequencies, so that some lines have no coefficient.
                 let extents = shape.map(|n| n.div_ceil(2));
                 let mut single = vec![0f32; n];
                 for (i, (d, s)) in double.iter_mut().zip(&mut single).enumerate() {

@@ -2,7 +2,7 @@
 //!
 //! Of MERL's bins 37 % are near enough to a horizon to have a profile that ends at .15, three in five of them with one direction
 //! below it and the other above the profile, or both below: there it is the same along the row, which bounds on the elevations tell
-//! without a root, a step at a time.
+//! without a root, for the whole row or for steps of it. Steps that are alike go together.
 
 use super::{LANES, Lanes, Profile, Row, STEP, place};
 use crate::block::Block;
@@ -51,8 +51,8 @@ impl Task for Add<'_> {
             }
             let changes = zones.contains(&Zone::Between);
             for (group, planes) in values.chunks_mut(LANES * n).enumerate() {
-                let start = (i * nd + j) * np;
-                let mut planes = planes.chunks_exact_mut(n).map(|plane| &mut plane[start..start + np]);
+                let place = (i * nd + j) * np;
+                let mut planes = planes.chunks_exact_mut(n).map(|plane| &mut plane[place..place + np]);
                 profile.tell(group, h, d, if changes { profile.knots - 1 } else { 1 }, &mut sides);
                 if !changes {
                     add_constant(zones, &sides, planes);
@@ -133,7 +133,7 @@ impl Profile {
     }
 }
 
-/// Most positions that go together.
+/// Most positions of a run.
 const RUN: usize = 8 * STEP;
 
 /// Positions of a row that follow each other.

@@ -176,7 +176,7 @@ typedef struct {
     size_t cache_bytes;
     /**
      * Most values (positions times channels) of a block: a file with larger ones is CSBRDF_LIMIT_EXCEEDED. Decoding a
-     * block takes some 20 bytes a value. Default and upper bound 2^24, the most that the format allows.
+     * block takes 40 bytes a value at most. Default and upper bound 2^24, the most that the format allows.
      */
     size_t max_block_values;
     /**

@@ -77,7 +77,7 @@ pub struct csbrdf_options {
     /// whatever it takes.
     pub cache_bytes: usize,
     /// Most values (positions times channels) of a block: a file with larger ones is CSBRDF_LIMIT_EXCEEDED. Decoding a
-    /// block takes some 20 bytes a value. Default and upper bound 2^24, the most that the format allows.
+    /// block takes 40 bytes a value at most. Default and upper bound 2^24, the most that the format allows.
     pub max_block_values: usize,
     /// CSBRDF_LOOKUP_LINEAR or CSBRDF_LOOKUP_NEAREST.
     pub lookup: u32,
