@@ -376,7 +376,7 @@ impl Packed {
         ]);
         sections.extend(self.exact.clone().map(|exact| (directory::EXACT, true, exact)));
         match spare {
-            true => write_file_with_spare(VERSION, sections),
+            true => write_file_with_spare(VERSION, &sections),
             false => write_file(VERSION, &sections),
         }
     }

@@ -239,23 +239,29 @@ mod write {
     use crate::format::spare;
 
     /// As [`write_file`], with a spare copy of the sections before RECS at the end.
-    pub(crate) fn write_file_with_spare(version: (u16, u16, u16), mut sections: Vec<(&str, bool, Vec<u8>)>) -> Vec<u8> {
+    pub(crate) fn write_file_with_spare<N: AsRef<[u8]>>(
+        version: (u16, u16, u16),
+        sections: &[(N, bool, Vec<u8>)],
+    ) -> Vec<u8> {
+        let mut sections: Vec<(&[u8], bool, Vec<u8>)> =
+            sections.iter().map(|(name, skippable, bytes)| (name.as_ref(), *skippable, bytes.clone())).collect();
         let table = PREAMBLE + (sections.len() + 1) * ENTRY;
-        let before = sections.iter().take_while(|(name, ..)| *name != RECORDS);
+        let before = sections.iter().take_while(|(name, ..)| *name != RECORDS.as_bytes());
         let head = table + before.map(|(_, _, bytes)| bytes.len()).sum::<usize>();
-        sections.push((SPARE, true, vec![0; spare::length(head)]));
+        sections.push((SPARE.as_bytes(), true, vec![0; spare::length(head)]));
         let mut file = write_file(version, &sections);
         spare::fill(&mut file);
         file
     }
 
-    /// A whole file of a version from its sections: name, skippable, bytes.
-    pub(crate) fn write_file(version: (u16, u16, u16), sections: &[(&str, bool, Vec<u8>)]) -> Vec<u8> {
+    /// A whole file of a version from its sections: four bytes of name, skippable, bytes.
+    pub(crate) fn write_file<N: AsRef<[u8]>>(version: (u16, u16, u16), sections: &[(N, bool, Vec<u8>)]) -> Vec<u8> {
         let body: usize = sections.iter().map(|s| s.2.len()).sum();
         let length = PREAMBLE + sections.len() * ENTRY + body + END_MARKER.len();
         let mut table = ByteWriter::default();
         for (name, skippable, bytes) in sections {
-            table.bytes(name.as_bytes());
+            debug_assert_eq!(name.as_ref().len(), 4, "a name");
+            table.bytes(name.as_ref());
             table.u32(if *skippable { SKIPPABLE } else { 0 });
             table.u64(bytes.len() as u64);
             table.u32(crc32fast::hash(bytes));

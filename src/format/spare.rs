@@ -96,7 +96,7 @@ mod tests {
     use crate::format::directory::{RECORDS, write_file, write_file_with_spare};
 
     fn file() -> Vec<u8> {
-        write_file_with_spare((1, 0, 4), vec![("GRID", false, vec![1, 2, 3]), (RECORDS, false, vec![9; 30])])
+        write_file_with_spare((1, 0, 4), &[("GRID", false, vec![1, 2, 3]), (RECORDS, false, vec![9; 30])])
     }
 
     /// Spec section 3.11 byte for byte.

@@ -35,7 +35,7 @@ pub fn repair(data: &[u8], limits: Limits) -> Result<Repaired> {
         let what = "files of drafts before 4 cannot hold lost blocks; use decode --salvage and encode the table again";
         return Err(Error::InvalidArgument(what.into()));
     }
-    let mut sections: Vec<(String, bool, Vec<u8>)> = Vec::new();
+    let mut sections: Vec<(Vec<u8>, bool, Vec<u8>)> = Vec::new();
     for section in was.sections() {
         let name = section.name();
         let bytes = match &name[..] {
@@ -55,14 +55,14 @@ pub fn repair(data: &[u8], limits: Limits) -> Result<Repaired> {
         if name == directory::RECORDS && !whole {
             sections.push((directory::METADATA.into(), true, metadata(&salvaged)?));
         }
-        sections.extend(bytes.map(|bytes| (name, section.skippable, bytes)));
+        // Not the name for people, which is longer where it is no text.
+        sections.extend(bytes.map(|bytes| (section.id.to_vec(), section.skippable, bytes)));
     }
     let (major, minor, draft) = was.version();
     // Lost blocks are pruned ones, which the final version has.
     let version = (major, minor, if salvaged.lost().is_empty() { draft } else { FINAL });
-    let sections = sections.iter().map(|(name, skippable, bytes)| (&name[..], *skippable, bytes.clone())).collect();
     let spare = was.sections().iter().any(|s| s.id == directory::SPARE.as_bytes());
-    let bytes = if spare { write_file_with_spare(version, sections) } else { write_file(version, &sections) };
+    let bytes = if spare { write_file_with_spare(version, &sections) } else { write_file(version, &sections) };
     Ok(Repaired { bytes, salvaged })
 }
 
@@ -111,4 +111,30 @@ fn metadata(salvaged: &Salvaged) -> Result<Vec<u8>> {
     }
     metadata.encoder = Some(encoder);
     metadata.write()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A section of a later version, its name no text: what people read in its place has other bytes.
+    #[test]
+    fn names_of_sections_stay_as_they_are() {
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/v1/final-profile.csbrdf");
+        let golden = Reader::open(std::fs::read(folder).unwrap()).unwrap();
+        let known = golden.directory().sections().iter().filter(|section| section.id != directory::SPARE.as_bytes());
+        let mut sections: Vec<(Vec<u8>, bool, Vec<u8>)> = known
+            .map(|section| {
+                let name =
+                    KNOWN.into_iter().chain([directory::INDEX]).find(|name| name.as_bytes() == section.id).unwrap();
+                (section.id.to_vec(), section.skippable, golden.section(name).unwrap().unwrap())
+            })
+            .collect();
+        sections.push((vec![0x9F, b'"', 0, b'x'], true, vec![1, 2, 3]));
+        for good in [write_file(golden.version(), &sections), write_file_with_spare(golden.version(), &sections)] {
+            let mut bad = good.clone();
+            bad.pop();
+            assert!(repair(&bad, Limits::default()).unwrap().bytes == good);
+        }
+    }
 }
