@@ -162,7 +162,7 @@ impl Rows for Trellis<'_> {
         for (l, value) in values.iter().enumerate().skip(row.first) {
             let magnitude = value.abs() * scale;
             nothing += magnitude * magnitude;
-            if l % WIDTH == 0 {
+            if l > 0 && l % WIDTH == 0 {
                 step = around.step(l);
             }
             let i = l % WIDTH;
