@@ -4,6 +4,9 @@
 //! edges and blocks at their tile's far edges may be short. One tile that covers the grid gives one block shape
 //! everywhere. Blocks are numbered tile after tile, last axis fastest.
 
+mod shares;
+
+pub(crate) use self::shares::{Place, Shares, Target};
 use crate::error::{Error, Result};
 use crate::format::{MAX_AXIS_LEN, MAX_BLOCK_AXIS, MAX_BLOCK_POSITIONS, MAX_BLOCKS, MAX_POSITIONS, MAX_TABLE_ENTRIES};
 
@@ -249,73 +252,6 @@ impl Partition {
         lengths
     }
 
-    /// Cuts planes of the grid into the rows of the blocks, by block: those of the first plane, then of the next, each in the
-    /// order of the block's positions. Where a block is as long as the last axis, its rows along the axis before are one. All rows of a
-    /// block have one length, and every place is in a row. Threads can then fill blocks without waiting for each other.
-    pub(crate) fn rows_by_block<'a, T>(&self, planes: &'a mut [T]) -> Vec<Vec<&'a mut [T]>> {
-        let positions: usize = self.grid.iter().product();
-        let row_count = |block: usize| {
-            let axes = |block: Block| if block.shape[3] == self.grid[3] { 2 } else { 3 };
-            let rows: usize = self.block(block).map_or(0, |block| block.shape[..axes(block)].iter().product());
-            rows * (planes.len() / positions)
-        };
-        let mut blocks: Vec<Vec<&mut [T]>> =
-            (0..self.block_count()).map(|block| Vec::with_capacity(row_count(block))).collect();
-        // Of each tile: its box, the shape of its blocks, and how many there are along each axis.
-        let tiles: Vec<(Block, [usize; 4], [usize; 4])> = (0..self.tile_shape.len())
-            .map(|tile| {
-                let (bounds, shape) = (self.tile_box(tile), self.shape_of(tile));
-                (bounds, shape, div_ceil(bounds.shape, shape))
-            })
-            .collect();
-        let [n0, n1, n2, n3] = self.grid;
-        // Of the tiles that a plane of the last two axes meets, the number of the first block there: threads wait for these loops, so
-        // that no row divides but once a tile.
-        let mut firsts = vec![0; self.tiles[2] * self.tiles[3]];
-        let (all, mut told) = (planes.len(), 0);
-        for (row, plane) in planes.chunks_exact_mut(n2 * n3).enumerate() {
-            let (i, j) = (row / n1 % n0, row % n1);
-            let met = self.tile_of([i, j, 0, 0]);
-            for (first, tile) in firsts.iter_mut().zip(met..) {
-                let (bounds, shape, counts) = &tiles[tile];
-                let at = [(i - bounds.origin[0]) / shape[0], (j - bounds.origin[1]) / shape[1], 0, 0];
-                *first = self.first[tile] as usize + linear(at, *counts);
-            }
-            let along = firsts.chunks_exact(self.tiles[3]).zip((met..).step_by(self.tiles[3]));
-            let bands = plane.chunks_mut(self.tile[2] * n3).zip(along);
-            for (band, (firsts, tile)) in bands {
-                let (_, shape, _) = &tiles[tile];
-                if shape[3] == n3 {
-                    // Rows of a block that follow each other in the plane.
-                    for (block, rows) in blocks[firsts[0]..].iter_mut().zip(band.chunks_mut(shape[2] * n3)) {
-                        told += rows.len();
-                        block.push(rows);
-                    }
-                    continue;
-                }
-                for (k, mut line) in band.chunks_exact_mut(n3).enumerate() {
-                    for (first, (bounds, shape, counts)) in firsts.iter().zip(&tiles[tile..]) {
-                        // Blocks of a tile along the last axis have numbers that follow each other.
-                        let first = first + k / shape[2] * counts[3];
-                        let (of_tile, rest) = line.split_at_mut(bounds.shape[3]);
-                        for (block, segment) in blocks[first..].iter_mut().zip(of_tile.chunks_mut(shape[3])) {
-                            told += segment.len();
-                            block.push(segment);
-                        }
-                        line = rest;
-                    }
-                }
-            }
-        }
-        // Rows are disjoint, so that as many places as there are means all of them. Who hands in memory without values relies on it.
-        assert_eq!(told, all, "blocks cover whole planes of the grid");
-        blocks
-    }
-
-    fn tile_of(&self, position: [usize; 4]) -> usize {
-        linear(std::array::from_fn(|i| position[i] / self.tile[i]), self.tiles)
-    }
-
     /// Place and shape of a block; `None` past the last one.
     pub fn block(&self, block: usize) -> Option<Block> {
         if block >= self.block_count() {
@@ -392,7 +328,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn any_partition() -> impl Strategy<Value = Partition> {
+    pub(super) fn any_partition() -> impl Strategy<Value = Partition> {
         let axes = || prop::array::uniform4(1usize..if cfg!(miri) { 5 } else { 9 });
         (axes(), axes(), prop::collection::vec(axes(), 1..4), any::<u64>()).prop_map(|(grid, tile, shapes, seed)| {
             let tile: [usize; 4] = std::array::from_fn(|i| tile[i].min(grid[i]));
@@ -433,24 +369,6 @@ mod tests {
             }
             prop_assert!(owner.iter().all(Option::is_some));
             prop_assert_eq!(partition.block(partition.block_count()), None);
-        }
-
-        #[test]
-        fn rows_by_block_are_those_of_gather(partition in any_partition()) {
-            let n = partition.grid().iter().product::<usize>();
-            let mut planes: Vec<u32> = (0..2 * n as u32).collect();
-            let expected = planes.clone();
-            for (b, rows) in partition.rows_by_block(&mut planes).into_iter().enumerate() {
-                let block = partition.block(b).unwrap();
-                let mut values = vec![0; 2 * block.positions()];
-                for (plane, values) in expected.chunks_exact(n).zip(values.chunks_exact_mut(block.positions())) {
-                    block.gather(partition.grid(), plane, values);
-                }
-                let [_, _, n2, n3] = block.shape;
-                let length = if n3 == partition.grid()[3] { n2 * n3 } else { n3 };
-                prop_assert!(rows.iter().all(|row| row.len() == length));
-                prop_assert_eq!(rows.into_iter().map(|row| &*row).collect::<Vec<_>>().concat(), values);
-            }
         }
 
         #[test]

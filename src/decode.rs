@@ -1,6 +1,5 @@
 //! The reader: opens a file, rebuilds single blocks or the whole table (spec section 5).
 
-mod batches;
 #[cfg(all(test, feature = "encode"))]
 mod bombs;
 mod buffer;
@@ -13,7 +12,7 @@ mod table;
 mod tests;
 mod values;
 
-use crate::block::{Block, Partition};
+use crate::block::{Block, Partition, Place, Target};
 use crate::error::{Error, Result};
 use crate::format::directory::{self, Directory};
 use crate::format::header::{self, Coding};
@@ -33,8 +32,6 @@ pub use self::rebuild::Scratch;
 #[cfg(feature = "encode")]
 pub(crate) use self::rebuild::{CONTEXTS, CORRECTIONS, MASKS, without_zeros};
 pub(crate) use self::rebuild::{Header, ZEROS, contexts};
-use self::table::copy_rows;
-use self::values::Place;
 
 /// An open file over bytes in memory or in a map. Shared freely between threads; decoding takes `&self`.
 pub struct Reader<D> {
@@ -329,24 +326,31 @@ impl<D: AsRef<[u8]>> Reader<D> {
             return Err(Error::InvalidArgument(format!("block {block} has {expected} values, not {}", out.len())));
         }
         let positions = expected / self.grid().channels().len();
-        self.values_in_rows(block, scratch, out.chunks_exact_mut(positions).collect())
+        let mut planes: Vec<&mut [f32]> = out.chunks_exact_mut(positions).collect();
+        self.values_to(block, scratch, Target::whole(&mut planes))
     }
 
-    /// The values of a block in all of its rows, those of each channel after each other.
-    fn values_in_rows<P: Place<f32>>(&self, block: usize, scratch: &mut Scratch, rows: Vec<&mut [P]>) -> Result<()> {
+    /// The values of a block to all of its memory.
+    fn values_to<P: Place<f32>>(&self, block: usize, scratch: &mut Scratch, target: Target<P>) -> Result<()> {
         if self.coding().correction.is_some() {
             self.decode_log(block, scratch)?;
-            copy_rows(rows, self.header.values(scratch));
+            target.put_all(self.header.values(scratch));
             return Ok(());
         }
         let place = self.place(block)?;
         let record = self.record_to_decode(block)?;
         self.prepare()?;
+        let means = self.index.means(block);
+        if record.class.is_mean_only() && self.header.rows_of_means(&place, means, scratch) {
+            self.header.to_channels(&mut scratch.log);
+            target.fill(self.header.values(scratch), place.shape[3]);
+            return Ok(());
+        }
         self.header
-            .components(&place, &record, self.index.means(block), scratch)
+            .components(&place, &record, means, scratch)
             .and_then(|decoder| decoder.check_end())
             .map_err(|what| self.bad_record(block, what))?;
-        self.header.values_in_rows(scratch, rows);
+        self.header.values_to(&place, scratch, target);
         Ok(())
     }
 

@@ -111,6 +111,12 @@ impl Synthesis {
         self.tables[at].1.get_or_init(|| AxisTable::new(self.basis, n))
     }
 
+    /// The value at every position of a block whose coefficients are all zero but that at index 0, by what the sums come to; not told of
+    /// a basis whose sums may differ.
+    pub(crate) fn constant(&self, shape: [usize; 4], mean: f32) -> Option<f32> {
+        (self.basis == Basis::Dct).then(|| dct::constant(shape.map(|n| self.axis(n)), mean))
+    }
+
     /// The values of a block from its coefficients: that at index 0, be it zero, then in the order of positions those that are not zero.
     pub(crate) fn synthesize(
         &self,

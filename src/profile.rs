@@ -132,6 +132,11 @@ impl Profile {
     pub(crate) fn add(&self, level: Level, block: &Block, values: &mut [f32]) {
         level.run(Add { profile: self, block, values });
     }
+
+    /// The same to components that are one along each row, `[component][row]`; false if they do not stay so, with anything in them.
+    pub(crate) fn add_to_rows(&self, block: &Block, values: &mut [f32]) -> bool {
+        add::add_to_rows(self, block, values)
+    }
 }
 
 #[cfg(test)]
@@ -244,7 +249,32 @@ mod tests {
                 let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
                 prop_assert_eq!(bits(&values), bits(&expected));
             }
+            // Components that are one along each row.
+            let mut rows: Vec<f32> = before.iter().step_by(block.shape[3]).copied().collect();
+            let along = |rows: &[f32]| rows.iter().flat_map(|value| vec![value.to_bits(); block.shape[3]]).collect::<Vec<_>>();
+            let mut expected: Vec<f32> = along(&rows).into_iter().map(f32::from_bits).collect();
+            profile.add(Level::detect(), &block, &mut expected);
+            if profile.add_to_rows(&block, &mut rows) {
+                prop_assert_eq!(along(&rows), expected.iter().map(|value| value.to_bits()).collect::<Vec<_>>());
+            }
         }
+    }
+
+    /// Towards grazing angles, near the plane of incidence: light is below the horizon and the sensor far above, then neither.
+    #[test]
+    fn rows_far_from_the_horizon_keep_one_value() {
+        let grid = Grid::merl();
+        let knots = 5;
+        let table: Vec<f32> = (0..3 * 90 * knots).map(|i| 1.0 + i as f32).collect();
+        let profile = Profile::new(&grid, knots, 0.15, std::array::from_fn(|_| table.clone())).unwrap();
+        let rows = |phi: usize| {
+            let block = Block { origin: [0, 80, 80, phi], shape: [1, 5, 7, 20] };
+            let mut rows = vec![0f32; 3 * 5 * 7];
+            profile.add_to_rows(&block, &mut rows).then_some(rows)
+        };
+        assert!(rows(0).is_some_and(|rows| rows.iter().all(|value| *value > 1.0)));
+        assert!(rows(80).is_none());
+        assert!(rows(160).is_some());
     }
 
     #[test]

@@ -37,8 +37,7 @@ const SLOW: u32 = 7;
 impl State {
     /// No file has a probability of zero.
     fn new(probability: u16) -> State {
-        let at_least_one = probability.max(1);
-        State { fast: at_least_one, slow: at_least_one }
+        State { fast: probability, slow: probability }
     }
 
     /// Probability of a one, 1 to 65535 out of 65536: steps down are rounded down, so that no estimate falls below 1.
@@ -74,10 +73,6 @@ impl State {
     }
 }
 
-fn states(probabilities: &[u16]) -> Vec<State> {
-    probabilities.iter().map(|&p| State::new(p)).collect()
-}
-
 /// Reads decisions from a record; past its end it reads zeros.
 #[derive(Default)]
 pub(crate) struct Decoder<'a> {
@@ -90,7 +85,8 @@ pub(crate) struct Decoder<'a> {
 
 impl<'a> Decoder<'a> {
     pub(crate) fn new(probabilities: &[u16], data: &'a [u8]) -> Decoder<'a> {
-        let mut decoder = Decoder { states: states(probabilities), data, at: 0, range: u32::MAX, code: 0 };
+        let states = probabilities.iter().map(|&p| State::new(p)).collect();
+        let mut decoder = Decoder { states, data, at: 0, range: u32::MAX, code: 0 };
         for _ in 0..4 {
             decoder.code = decoder.code << 8 | decoder.next_byte();
         }
@@ -158,7 +154,7 @@ pub(crate) use encoder::{Costs, Counter, Encoder};
 
 #[cfg(feature = "encode")]
 mod encoder {
-    use super::{Coder, State, states};
+    use super::{Coder, State};
 
     /// Writes decisions; the inverse of [`super::Decoder`].
     #[derive(Default)]
@@ -171,7 +167,9 @@ mod encoder {
 
     impl Encoder {
         pub(crate) fn new(probabilities: &[u16]) -> Encoder {
-            Encoder { states: states(probabilities), low: 0, range: u32::MAX, out: Vec::new() }
+            // With zero it would never end.
+            let states = probabilities.iter().map(|&p| State::new(p.max(1))).collect();
+            Encoder { states, low: 0, range: u32::MAX, out: Vec::new() }
         }
 
         fn normalize(&mut self) {

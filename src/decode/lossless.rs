@@ -1,6 +1,6 @@
 //! The source's bits, from files that keep them (spec section 4.12).
 
-use super::table::{copy_rows, for_each_block};
+use super::table::for_each_block;
 use super::{Reader, Scratch};
 use crate::block::Block;
 use crate::error::{Error, Result};
@@ -87,16 +87,11 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
     pub fn exact_table(&self) -> Result<Vec<f64>> {
         let index = self.exact_index()?;
         let mut values = vec![0f64; self.check_table_size()?];
-        let decode = |scratch: &mut Scratch, block| {
+        let shares = self.shares();
+        for_each_block(&shares, shares.memory(&mut values), |scratch, block, place, memory| {
             let (_, bits) = self.exact_bits(&index, block, scratch)?;
-            Ok(bits.into_iter().map(f64::from_bits).collect::<Vec<f64>>())
-        };
-        if self.has_short_rows() {
-            self.in_batches(decode, |block, exact| self.scatter(block, &exact, &mut values))?;
-            return Ok(values);
-        }
-        for_each_block(self.partition(), self.partition().rows_by_block(&mut values), |scratch, block, rows| {
-            copy_rows(rows, &decode(scratch, block)?);
+            let exact: Vec<f64> = bits.into_iter().map(f64::from_bits).collect();
+            memory.of_block(place).put_all(&exact);
             Ok(())
         })?;
         Ok(values)

@@ -69,6 +69,8 @@ pub struct Scratch {
     pub(crate) zeros: Vec<bool>,
     /// Log values, `[channel][position]`.
     pub(crate) log: Buffer<f32>,
+    /// Values on their way to short rows.
+    pub(super) values: Buffer<f32>,
     lines: Lines,
     /// Of the block that was rebuilt last, if the file has a correction step; `[channel][position]`.
     pub(crate) corrections: Vec<i32>,
@@ -222,6 +224,22 @@ impl Header {
             self.synthesis.synthesize(self.level, block.shape, terms, values, lines);
         }
         self.add_profile(block, log)
+    }
+
+    /// Components of log values of a block of means alone in `scratch.log`, one for each row along the last axis, `[component][row]`;
+    /// false if they are not the same along each.
+    pub(super) fn rows_of_means(&self, block: &Block, means: &[i32], scratch: &mut Scratch) -> bool {
+        let rows = block.positions() / block.shape[3];
+        scratch.log.resize(means.len() * rows);
+        for ((values, mean), step) in scratch.log.chunks_exact_mut(rows).zip(means).zip(&self.coding.steps) {
+            let Some(value) = self.synthesis.constant(block.shape, dequantize_mean(*step, *mean)) else { return false };
+            values.fill(value);
+        }
+        match self.profile() {
+            Ok(Some(profile)) => profile.add_to_rows(block, &mut scratch.log),
+            Ok(None) => true,
+            Err(_) => false,
+        }
     }
 
     /// The coefficients of a component, that at index 0 first.

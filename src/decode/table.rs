@@ -1,8 +1,7 @@
 //! The whole table, and every byte of a file.
 
-use super::values::Place;
 use super::{Reader, Scratch};
-use crate::block::Partition;
+use crate::block::{Block, Place, Shares};
 use crate::error::{Error, Result};
 use crate::format::{directory, spare};
 use crate::table::BrdfTable;
@@ -20,19 +19,13 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
     #[allow(unsafe_code)]
     pub fn decode_all(&self) -> Result<Vec<f32>> {
         let size = self.check_table_size()?;
-        if self.has_short_rows() {
-            let mut values = zeroed(size);
-            self.decode_all_into(&mut values)?;
-            return Ok(values);
-        }
         let mut values = Vec::with_capacity(size);
         let places = &mut values.spare_capacity_mut()[..size];
         #[cfg(feature = "mmap")]
         crate::map::ask_for_large_pages(places);
-        let rows = self.partition().rows_by_block(places);
-        for_each_block(self.partition(), rows, |scratch, block, rows| self.values_in_rows(block, scratch, rows))?;
-        // SAFETY: the first `size` places are all in some block's rows (`rows_by_block`), and without an error every block (`for_each_block`)
-        // was written to all of its rows (`values_in_rows`).
+        self.values_of_blocks(places)?;
+        // SAFETY: the first `size` places are all in the memory of some block (`Shares::memory`, `for_each_block`), and without an error
+        // every block was written to all of it (`values_to`).
         unsafe { values.set_len(size) };
         Ok(values)
     }
@@ -46,15 +39,22 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
         if values.len() != expected {
             return Err(Error::InvalidArgument(format!("the table has {expected} values, not {}", values.len())));
         }
-        if self.has_short_rows() {
-            let decode = |scratch: &mut Scratch, block| {
-                self.decode_log(block, scratch)?;
-                Ok(self.header.values(scratch).to_vec())
-            };
-            return self.in_batches(decode, |block, decoded| self.scatter(block, &decoded, values));
-        }
-        for_each_block(self.partition(), self.partition().rows_by_block(values), |scratch, block, rows| {
-            self.values_in_rows(block, scratch, rows)
+        self.values_of_blocks(values)
+    }
+
+    /// Shares for the threads at hand: one for one, several for each of many, so that they end at nearly the same time.
+    pub(super) fn shares(&self) -> Shares<'_> {
+        #[cfg(feature = "parallel")]
+        let threads = rayon::current_num_threads();
+        #[cfg(not(feature = "parallel"))]
+        let threads = 1;
+        Shares::new(self.partition(), if threads == 1 { 1 } else { 16 * threads })
+    }
+
+    fn values_of_blocks<P: Place<f32> + Send>(&self, places: &mut [P]) -> Result<()> {
+        let shares = self.shares();
+        for_each_block(&shares, shares.memory(places), |scratch, block, place, memory| {
+            self.values_to(block, scratch, memory.of_block(place))
         })
     }
 
@@ -66,29 +66,18 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
         let size = self.check_table_size()?;
         let (mut values, mut valid) = (zeroed(size), vec![false; size]);
         let eps = self.header.coding.eps;
-        let decode = |scratch: &mut Scratch, block| {
-            let place = self.decode_log(block, scratch)?;
+        let shares = self.shares();
+        let memory = shares.memory(&mut values).into_iter().zip(shares.memory(&mut valid)).collect();
+        for_each_block(&shares, memory, |scratch, block, place, (values, valid)| {
+            self.decode_log(block, scratch)?;
             let mut decoded = Vec::with_capacity(scratch.log.len());
             for (log, channel) in scratch.log.chunks_exact(place.positions()).zip(self.grid().channels()) {
                 // The scale is mostly below 1: what the tone map saturated would overflow again.
                 let unscale = |log: f32| (inverse_tone_map_f64(log, eps) / channel.scale).min(f64::MAX);
                 decoded.extend(log.iter().map(|&log| unscale(log)));
             }
-            Ok((decoded, self.header.masks_of(&place, scratch)))
-        };
-        if self.has_short_rows() {
-            self.in_batches(decode, |block, (decoded, masks)| {
-                self.scatter(block, &decoded, &mut values);
-                self.scatter(block, &masks, &mut valid);
-            })?;
-            return BrdfTable::from_parts(self.grid().clone(), values, valid);
-        }
-        let partition = self.partition();
-        let blocks = partition.rows_by_block(&mut values).into_iter().zip(partition.rows_by_block(&mut valid));
-        for_each_block(partition, blocks.collect(), |scratch, block, (values, valid)| {
-            let (decoded, masks) = decode(scratch, block)?;
-            copy_rows(values, &decoded);
-            copy_rows(valid, &masks);
+            values.of_block(place).put_all(&decoded);
+            valid.of_block(place).put_all(&self.header.masks_of(place, scratch));
             Ok(())
         })?;
         BrdfTable::from_parts(self.grid().clone(), values, valid)
@@ -197,45 +186,46 @@ pub(super) fn map_blocks<T>(
     blocks.map(|block| work(&mut scratch, block)).collect()
 }
 
-/// `work` on every block with what belongs to it; the first error ends it. Threads take the largest blocks first, so that they end
-/// together.
+/// `work` on every block, with its place and the memory of the share that it is in; the first error ends it. Threads take the largest
+/// shares first, so that they end together.
+pub(super) fn for_each_block<M: Send>(
+    shares: &Shares,
+    memory: Vec<M>,
+    work: impl Fn(&mut Scratch, usize, &Block, &mut M) -> Result<()> + Sync + Send,
+) -> Result<()> {
+    let fill = |scratch: &mut Scratch, share: usize, mut memory: M| {
+        let mut positions = 0;
+        for (block, place) in shares.blocks(share) {
+            work(scratch, block, &place, &mut memory)?;
+            positions += place.positions();
+        }
+        // Blocks are disjoint: these are all of the share. Who hands in memory without values relies on it.
+        assert_eq!(positions, shares.positions(share), "blocks cover their share");
+        Ok(())
+    };
+    assert_eq!(memory.len(), shares.count(), "memory for each share");
+    #[cfg(feature = "parallel")]
+    if memory.len() > 1 {
+        return fill_in_parallel(shares, memory, fill);
+    }
+    let mut scratch = Scratch::default();
+    memory.into_iter().enumerate().try_for_each(|(share, memory)| fill(&mut scratch, share, memory))
+}
+
 #[cfg(feature = "parallel")]
-pub(super) fn for_each_block<T: Send>(
-    partition: &Partition,
-    blocks: Vec<T>,
-    work: impl Fn(&mut Scratch, usize, T) -> Result<()> + Sync + Send,
+fn fill_in_parallel<M: Send>(
+    shares: &Shares,
+    memory: Vec<M>,
+    fill: impl Fn(&mut Scratch, usize, M) -> Result<()> + Sync + Send,
 ) -> Result<()> {
     use rayon::prelude::*;
-    let count = blocks.len();
-    let mut queue: Vec<_> = partition.sizes().zip(blocks.into_iter().enumerate()).collect();
-    // Who hands in memory without values relies on it.
-    assert_eq!(queue.len(), count, "a size for each block");
-    queue.sort_by_key(|(size, _)| std::cmp::Reverse(*size));
+    let mut queue: Vec<_> = memory.into_iter().enumerate().collect();
+    queue.sort_by_cached_key(|(share, _)| std::cmp::Reverse(shares.positions(*share)));
     let queue = std::sync::Mutex::new(queue.into_iter());
     let next = || queue.lock().unwrap_or_else(std::sync::PoisonError::into_inner).next();
     let scratches = Scratches::default();
-    (0..count).into_par_iter().with_max_len(1).try_for_each(|_| match next() {
-        Some((_, (block, target))) => scratches.lend(|scratch| work(scratch, block, target)),
+    (0..shares.count()).into_par_iter().with_max_len(1).try_for_each(|_| match next() {
+        Some((share, memory)) => scratches.lend(|scratch| fill(scratch, share, memory)),
         None => Ok(()),
     })
-}
-
-#[cfg(not(feature = "parallel"))]
-pub(super) fn for_each_block<T>(
-    _: &Partition,
-    blocks: Vec<T>,
-    work: impl Fn(&mut Scratch, usize, T) -> Result<()>,
-) -> Result<()> {
-    let mut scratch = Scratch::default();
-    blocks.into_iter().enumerate().try_for_each(|(block, target)| work(&mut scratch, block, target))
-}
-
-/// Copies the values of a block into its rows.
-pub(super) fn copy_rows<'a, T: Copy, P: Place<T> + 'a>(rows: impl IntoIterator<Item = &'a mut [P]>, values: &[T]) {
-    let mut left = values;
-    for row in rows {
-        let (values, rest) = left.split_at(row.len());
-        row.iter_mut().zip(values).for_each(|(place, value)| place.put(*value));
-        left = rest;
-    }
 }

@@ -1,32 +1,11 @@
 //! From the components of a block's log values to its values, in the rows of a table or of the block.
 
-use std::mem::MaybeUninit;
-
 use super::rebuild::{Header, Scratch};
-use super::table::copy_rows;
+use crate::block::{Block, Place, Target};
 use crate::channel::ChannelTransform;
 use crate::exact::{FEWER_LANES, LANES, exp32_lanes};
 use crate::simd::Task;
 use crate::tone::inverse_tone_maps;
-
-/// Memory that values are written to, be there one already or not.
-pub(super) trait Place<T> {
-    fn put(&mut self, value: T);
-}
-
-impl<T> Place<T> for T {
-    #[inline(always)]
-    fn put(&mut self, value: T) {
-        *self = value;
-    }
-}
-
-impl<T> Place<T> for MaybeUninit<T> {
-    #[inline(always)]
-    fn put(&mut self, value: T) {
-        self.write(value);
-    }
-}
 
 impl Scratch {
     /// Exact zeros in the log values: exp of what they get is zero, and so is the value.
@@ -50,46 +29,49 @@ impl Header {
         &scratch.log
     }
 
-    /// BRDF values in all of the rows of a block, `[channel][row]` and of one length, from the components in the scratch.
-    pub(super) fn values_in_rows<P: Place<f32>>(&self, scratch: &mut Scratch, mut rows: Vec<&mut [P]>) {
+    /// BRDF values in all of the memory of a block, from the components in the scratch.
+    pub(super) fn values_to<P: Place<f32>>(&self, place: &Block, scratch: &mut Scratch, mut target: Target<P>) {
         let (ChannelTransform::Matrix(matrix), 3) = (&self.coding.transform, self.grid.channels().len()) else {
             self.to_channels(&mut scratch.log);
             scratch.hide_zeros();
-            return copy_rows(rows, self.values(scratch));
+            return target.put_all(self.values(scratch));
         };
-        let (matrix, eps) = (&std::array::from_fn(|i| matrix[i]), self.coding.eps as f32);
-        let (per_channel, length) = (rows.len() / 3, rows.first().map_or(1, |row| row.len()));
-        // Who hands in memory without values relies on all of it being written.
-        assert!(rows.len() == 3 * per_channel && rows.iter().all(|row| row.len() == length), "rows of one length");
-        let count = (TOGETHER / length).max(1);
-        let mut values = [[0f32; TOGETHER]; 3];
-        let (red, rest) = rows.split_at_mut(per_channel);
-        let (green, blue) = rest.split_at_mut(per_channel);
-        let n = scratch.log.len() / 3;
-        let mut at = 0;
-        for ((red, green), blue) in red.chunks_mut(count).zip(green.chunks_mut(count)).zip(blue.chunks_mut(count)) {
-            let len = red.len() * length;
+        let matrix = &std::array::from_fn(|i| matrix[i]);
+        let n = place.positions();
+        let Scratch { log, zeros, values, .. } = scratch;
+        let planes = |at: usize, len: usize| {
             let planes = [0, n, 2 * n].map(|plane| plane + at..plane + at + len);
-            let from = planes.clone().map(|here| &scratch.log[here]);
-            let zeros = planes.map(|here| scratch.zeros.get(here).unwrap_or_default());
-            at += len;
-            if let ([red], [green], [blue]) = (&mut *red, &mut *green, &mut *blue) {
-                self.level.run(Opponent { matrix, eps, from, zeros, to: [red, green, blue] });
-                continue;
+            (planes.clone().map(|here| &log[here]), planes.map(|here| zeros.get(here).unwrap_or_default()))
+        };
+        let length = target.length();
+        if length >= LONG {
+            let mut at = 0;
+            while let Some(to) = target.next_row() {
+                let (from, zeros) = planes(at, length);
+                self.opponent(matrix, from, zeros, to);
+                at += length;
             }
-            let [r, g, b] = &mut values;
-            let to = [&mut r[..len], &mut g[..len], &mut b[..len]];
-            self.level.run(Opponent { matrix, eps, from, zeros, to });
-            for (rows, values) in [red, green, blue].into_iter().zip(&values) {
-                copy_rows(rows.iter_mut().map(|row| &mut **row), &values[..]);
-            }
+            return;
         }
+        values.resize(3 * n);
+        let (from, zeros) = planes(0, n);
+        self.opponent(matrix, from, zeros, three(values));
+        target.put_all(values);
+    }
+
+    fn opponent<P: Place<f32>>(&self, matrix: &[f32; 9], from: [&[f32]; 3], zeros: [&[bool]; 3], to: [&mut [P]; 3]) {
+        self.level.run(Opponent { matrix, eps: self.coding.eps as f32, from, zeros, to });
     }
 }
 
-/// Short rows are converted together, as many as have so many positions, and copied out: what is left over at the end of each would
-/// be a third of the work, and memory takes many stores at once better than a few now and then.
-const TOGETHER: usize = 1024;
+/// Shorter rows are converted together and copied out: what is left over at the end of each would be a third of the work.
+const LONG: usize = 512;
+
+fn three<T>(values: &mut [T]) -> [&mut [T]; 3] {
+    let (red, rest) = values.split_at_mut(values.len() / 3);
+    let (green, blue) = rest.split_at_mut(rest.len() / 2);
+    [red, green, blue]
+}
 
 struct ToChannels<'a> {
     transform: &'a ChannelTransform,
@@ -138,20 +120,25 @@ impl<P: Place<f32>> Task for Opponent<'_, P> {
             self.convert::<LANES>(at);
             at += LANES;
         }
+        // What is left goes in few steps, with some of the positions before once more.
+        if len - at > FEWER_LANES && len >= LANES {
+            return self.convert::<LANES>(len - LANES);
+        }
         while len - at >= FEWER_LANES {
             self.convert::<FEWER_LANES>(at);
             at += FEWER_LANES;
+        }
+        if at < len && len >= FEWER_LANES {
+            return self.convert::<FEWER_LANES>(len - FEWER_LANES);
         }
         while len - at >= FEW {
             self.convert::<FEW>(at);
             at += FEW;
         }
         if at < len && len >= FEW {
-            // Some of them once more.
-            self.convert::<FEW>(len - FEW);
-        } else {
-            (at..len).for_each(|at| self.convert::<1>(at));
+            return self.convert::<FEW>(len - FEW);
         }
+        (at..len).for_each(|at| self.convert::<1>(at));
     }
 }
 
@@ -182,6 +169,8 @@ impl<P: Place<f32>> Opponent<'_, P> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::mem::MaybeUninit;
+
     use crate::simd::Level;
     use crate::tone::inverse_tone_map;
 
@@ -193,7 +182,7 @@ mod tests {
         let matrix: &[f32; 9] = m.as_slice().try_into().unwrap();
         let eps = 1e-3;
         let few = [1, FEW + 1, LANES + FEWER_LANES + FEW + 3];
-        for len in (0..3 * LANES).chain([TOGETHER - 1, TOGETHER]).filter(|len| !cfg!(miri) || few.contains(len)) {
+        for len in (0..3 * LANES).chain([LONG - 1, LONG]).filter(|len| !cfg!(miri) || few.contains(len)) {
             // Some so low that only eps is left, some beyond what a float holds.
             let plane =
                 |c: usize| -> Vec<f32> { (0..len).map(|i| ((i * 37 + c * 11) % 101) as f32 * 1.9 - 95.0).collect() };

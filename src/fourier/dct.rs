@@ -30,10 +30,7 @@ impl Task for Synthesize<'_> {
     fn run<const FUSED: bool>(self) {
         let Synthesize { mut axes, terms, values, lines } = self;
         if let [(_, mean)] = *terms {
-            // One value, by what the sums below come to.
-            let along = axes.iter().rev().filter(|table| table.n > 1);
-            values.fill(along.fold(mean, |value, table| (0.0 + value * table.cos[0]) + 0.0));
-            return;
+            return values.fill(constant(axes, mean));
         }
         // The last axis along which positions differ comes last.
         while axes[3].n == 1 {
@@ -69,6 +66,13 @@ impl Task for Synthesize<'_> {
             std::mem::swap(&mut from, &mut to);
         }
     }
+}
+
+/// Of a mean alone, by what the sums come to.
+#[inline(always)]
+pub(super) fn constant(axes: [&AxisTable; 4], mean: f32) -> f32 {
+    let along = axes.iter().rev().filter(|table| table.n > 1);
+    along.fold(mean, |value, table| (0.0 + value * table.cos[0]) + 0.0)
 }
 
 /// So many values, whatever stands in them.

@@ -37,9 +37,7 @@ impl Task for Add<'_> {
         let [_, first_h, first_d, first_p] = block.origin;
         let [_, nh, nd, np] = block.shape;
         let n = block.positions();
-        let everywhere = profile.extremes[first_p..first_p + np]
-            .iter()
-            .fold([1f32, -1.0], |[low, high], step| [low.min(step[0]), high.max(step[1])]);
+        let everywhere = profile.everywhere(block);
         let mut sides = [[[0f32; LANES]; MAX_KNOTS + 1]; 2];
         let mut run = Run { knots: [0; RUN], fractions: [0.0; RUN], sums: [[0.0; LANES]; RUN] };
         for (i, j) in (0..nh).flat_map(|i| (0..nd).map(move |j| (i, j))) {
@@ -83,6 +81,28 @@ impl Task for Add<'_> {
     }
 }
 
+/// [`Profile::add_to_rows`]
+pub(super) fn add_to_rows(profile: &Profile, block: &Block, values: &mut [f32]) -> bool {
+    let [_, first_h, first_d, _] = block.origin;
+    let [_, nh, nd, _] = block.shape;
+    let everywhere = profile.everywhere(block);
+    let mut sides = [[[0f32; LANES]; MAX_KNOTS + 1]; 2];
+    for (i, j) in (0..nh).flat_map(|i| (0..nd).map(move |j| (i, j))) {
+        let (h, d) = (first_h + i, first_d + j);
+        let Some(row) = profile.row(h, d) else { continue };
+        let zones = profile.zones(row, everywhere);
+        if zones.contains(&Zone::Between) {
+            return false;
+        }
+        for (group, planes) in values.chunks_mut(LANES * nh * nd).enumerate() {
+            profile.tell(group, h, d, 1, &mut sides);
+            let place = i * nd + j;
+            add_constant(zones, &sides, planes.chunks_exact_mut(nh * nd).map(|plane| &mut plane[place..][..1]));
+        }
+    }
+    true
+}
+
 /// Adds to each component where neither direction is between.
 #[inline(always)]
 fn add_constant<'a>(zones: [Zone; 2], sides: &[Side; 2], targets: impl Iterator<Item = &'a mut [f32]>) {
@@ -94,6 +114,13 @@ fn add_constant<'a>(zones: [Zone; 2], sides: &[Side; 2], targets: impl Iterator<
 }
 
 impl Profile {
+    /// Least and largest cosine of phi_d in a block.
+    #[inline(always)]
+    fn everywhere(&self, block: &Block) -> [f32; 2] {
+        let steps = &self.extremes[block.origin[3]..][..block.shape[3]];
+        steps.iter().fold([1f32, -1.0], |[low, high], step| [low.min(step[0]), high.max(step[1])])
+    }
+
     /// Where light and sensor are over bins of phi_d whose cosines have these extremes.
     #[inline(always)]
     fn zones(&self, row: Row, [low, high]: [f32; 2]) -> [Zone; 2] {

@@ -1,0 +1,407 @@
+//! Planes of the grid cut into shares, each with blocks of its own: threads can then fill blocks without waiting for each other.
+//!
+//! A share is a box of whole blocks that spans all of the axes behind one, its depth: so its places are few and long runs of memory.
+//! A list of the rows of every block took as long as a tenth of decoding.
+
+use std::mem::MaybeUninit;
+
+use super::{Block, Partition, div_ceil, linear, unravel};
+
+/// A shorter run of memory would take more to list than to fill.
+const MIN_RUN: usize = 16;
+
+/// The cut.
+pub(crate) struct Shares<'p> {
+    partition: &'p Partition,
+    /// Runs are pieces of this axis, with all of those behind.
+    depth: usize,
+    cells: Vec<Cell>,
+    /// Number of the first share of each cell, then the number of shares.
+    first: Vec<usize>,
+}
+
+/// The tiles that share their places along the axes up to the depth.
+struct Cell {
+    /// Of all of them together.
+    bounds: Block,
+    /// Of a full share. Along an axis either of whole tiles or, if all agree on that, of one block.
+    shape: [usize; 4],
+    /// Shares along each axis.
+    counts: [usize; 4],
+    /// Number of the first tile; the others follow.
+    tile: usize,
+}
+
+impl Shares<'_> {
+    /// As few as possible, but so many if there are as many.
+    pub(crate) fn new(partition: &Partition, least: usize) -> Shares<'_> {
+        let mut shares = Shares::at_depth(partition, 0);
+        for depth in 1..4 {
+            if shares.count() >= least {
+                break;
+            }
+            let deeper = Shares::at_depth(partition, depth);
+            let behind: usize = partition.grid[depth + 1..].iter().product();
+            if deeper.cells.iter().any(|cell| cell.shape[depth] * behind < MIN_RUN) {
+                break;
+            }
+            shares = deeper;
+        }
+        shares
+    }
+
+    fn at_depth(partition: &Partition, depth: usize) -> Shares<'_> {
+        let behind: usize = partition.tiles[depth + 1..].iter().product();
+        let mut first = vec![0];
+        let cells = (0..partition.tile_shape.len()).step_by(behind).map(|tile| {
+            let mut bounds = partition.tile_box(tile);
+            bounds.shape[depth + 1..].copy_from_slice(&partition.grid[depth + 1..]);
+            let mut shape = partition.shape_of(tile);
+            for (axis, length) in shape.iter_mut().enumerate() {
+                let agreed = (tile..tile + behind).all(|other| partition.shape_of(other)[axis] == *length);
+                if axis > depth || !agreed {
+                    *length = bounds.shape[axis];
+                }
+            }
+            let counts = div_ceil(bounds.shape, shape);
+            first.push(first[first.len() - 1] + counts.iter().product::<usize>());
+            Cell { bounds, shape, counts, tile }
+        });
+        let cells = cells.collect();
+        Shares { partition, depth, cells, first }
+    }
+
+    pub(crate) fn count(&self) -> usize {
+        self.first[self.first.len() - 1]
+    }
+
+    fn cell_of(&self, share: usize) -> (&Cell, [usize; 4]) {
+        let number = self.first.partition_point(|&first| first <= share) - 1;
+        let cell = &self.cells[number];
+        (cell, unravel(share - self.first[number], cell.counts))
+    }
+
+    fn bounds(&self, share: usize) -> Block {
+        let (cell, at) = self.cell_of(share);
+        Block {
+            origin: std::array::from_fn(|i| cell.bounds.origin[i] + at[i] * cell.shape[i]),
+            shape: std::array::from_fn(|i| cell.shape[i].min(cell.bounds.shape[i] - at[i] * cell.shape[i])),
+        }
+    }
+
+    /// Number of positions of a share.
+    pub(crate) fn positions(&self, share: usize) -> usize {
+        self.bounds(share).positions()
+    }
+
+    /// Numbers and places of the blocks of a share.
+    pub(crate) fn blocks(&self, share: usize) -> impl Iterator<Item = (usize, Block)> {
+        let (cell, at) = self.cell_of(share);
+        let behind: usize = self.partition.tiles[self.depth + 1..].iter().product();
+        (cell.tile..cell.tile + behind).flat_map(move |tile| {
+            let (bounds, shape) = (self.partition.tile_box(tile), self.partition.shape_of(tile));
+            let counts = div_ceil(bounds.shape, shape);
+            // The one of the share, or all.
+            let one = |axis: usize| axis <= self.depth && cell.shape[axis] == shape[axis];
+            let from: [usize; 4] = std::array::from_fn(|axis| if one(axis) { at[axis] } else { 0 });
+            let some = std::array::from_fn(|axis| if one(axis) { 1 } else { counts[axis] });
+            let first = self.partition.first[tile] as usize;
+            super::positions(some).map(move |within| {
+                let at: [usize; 4] = std::array::from_fn(|axis| from[axis] + within[axis]);
+                let place = Block {
+                    origin: std::array::from_fn(|axis| bounds.origin[axis] + at[axis] * shape[axis]),
+                    shape: std::array::from_fn(|axis| shape[axis].min(bounds.shape[axis] - at[axis] * shape[axis])),
+                };
+                (first + linear(at, counts), place)
+            })
+        })
+    }
+
+    /// The memory of each share in planes of the grid.
+    pub(crate) fn memory<'a, T>(&self, planes: &'a mut [T]) -> Vec<Memory<'a, T>> {
+        let Shares { partition, depth, .. } = *self;
+        let (grid, all) = (partition.grid, planes.len());
+        let plane_count = all / grid.iter().product::<usize>();
+        let mut memory: Vec<Memory<'a, T>> = (0..self.count())
+            .map(|share| {
+                let bounds = self.bounds(share);
+                let runs = Vec::with_capacity(plane_count * bounds.shape[..depth].iter().product::<usize>());
+                Memory { runs, planes: plane_count, grid, depth, bounds }
+            })
+            .collect();
+        let behind: usize = grid[depth + 1..].iter().product();
+        let along = partition.tiles[depth];
+        let mut before = [1; 4];
+        before[..depth].copy_from_slice(&grid[..depth]);
+        let mut told = 0;
+        for (number, mut line) in planes.chunks_exact_mut(grid[depth] * behind).enumerate() {
+            // Where the line is along the axes before, and the first of the cells that it meets.
+            let at = unravel(number % before.iter().product::<usize>(), before);
+            let cell = (0..depth).fold(0, |cell, axis| cell * partition.tiles[axis] + at[axis] / partition.tile[axis]);
+            for number in cell * along..(cell + 1) * along {
+                let cell = &self.cells[number];
+                let (of_cell, rest) = line.split_at_mut(cell.bounds.shape[depth] * behind);
+                let share = (0..depth).fold(0, |share, axis| {
+                    share * cell.counts[axis] + (at[axis] - cell.bounds.origin[axis]) / cell.shape[axis]
+                });
+                let shares = &mut memory[self.first[number] + share * cell.counts[depth]..];
+                for (memory, run) in shares.iter_mut().zip(of_cell.chunks_mut(cell.shape[depth] * behind)) {
+                    told += run.len();
+                    memory.runs.push(run);
+                }
+                line = rest;
+            }
+        }
+        // Runs are disjoint, so that as many places as there are means all of them. Who hands in memory without values relies on it.
+        assert_eq!(told, all, "shares cover whole planes of the grid");
+        memory
+    }
+}
+
+/// Places of a share: runs, those of the first plane, then of the next.
+pub(crate) struct Memory<'a, T> {
+    runs: Vec<&'a mut [T]>,
+    planes: usize,
+    grid: [usize; 4],
+    depth: usize,
+    bounds: Block,
+}
+
+impl<'a, T> Memory<'a, T> {
+    /// Those of one of its blocks. Where the block is as long as the last axis, its rows along the axis before are one.
+    pub(crate) fn of_block(&mut self, block: &Block) -> Target<'_, 'a, T> {
+        let Memory { grid, depth, bounds, .. } = *self;
+        // Of a step along each axis: by how many runs, and by how many places within a run.
+        let (mut runs, mut places) = (1, 1);
+        let (mut steps, mut here) = ([[0; 2]; 4], [0; 2]);
+        for axis in (0..4).rev() {
+            let offset = block.origin[axis] - bounds.origin[axis];
+            if axis < depth {
+                steps[axis] = [runs, 0];
+                runs *= bounds.shape[axis];
+            } else {
+                steps[axis] = [0, places];
+                places *= grid[axis];
+            }
+            here = [here[0] + offset * steps[axis][0], here[1] + offset * steps[axis][1]];
+        }
+        let [n0, n1, n2, n3] = block.shape;
+        let whole = depth < 3 && n3 == grid[3];
+        let (counts, length) = if whole { ([n0, n1, 1], n2 * n3) } else { ([n0, n1, n2], n3) };
+        let rows =
+            Rows { counts, steps: [steps[0], steps[1], steps[2]], at: [0; 3], here, left: counts.iter().product() };
+        let per_plane = self.runs.len() / self.planes;
+        Target { runs: &mut self.runs, per_plane, rows, length }
+    }
+}
+
+/// Where the rows of a block are: run and place within it, the same in each plane.
+#[derive(Clone)]
+struct Rows {
+    counts: [usize; 3],
+    steps: [[usize; 2]; 3],
+    at: [usize; 3],
+    here: [usize; 2],
+    left: usize,
+}
+
+impl Iterator for Rows {
+    type Item = [usize; 2];
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<[usize; 2]> {
+        self.left = self.left.checked_sub(1)?;
+        let row = self.here;
+        for axis in (0..3).rev() {
+            let [runs, places] = self.steps[axis];
+            self.at[axis] += 1;
+            self.here = [self.here[0] + runs, self.here[1] + places];
+            if self.at[axis] < self.counts[axis] {
+                break;
+            }
+            self.here = [self.here[0] - self.counts[axis] * runs, self.here[1] - self.counts[axis] * places];
+            self.at[axis] = 0;
+        }
+        Some(row)
+    }
+}
+
+/// Memory for the values of a block: rows of one length, the same in each plane.
+pub(crate) struct Target<'t, 'a, T> {
+    runs: &'t mut [&'a mut [T]],
+    per_plane: usize,
+    rows: Rows,
+    length: usize,
+}
+
+/// Memory for a value, be there one already or not.
+pub(crate) trait Place<V> {
+    fn put(&mut self, value: V);
+}
+
+impl<V> Place<V> for V {
+    #[inline(always)]
+    fn put(&mut self, value: V) {
+        *self = value;
+    }
+}
+
+impl<V> Place<V> for MaybeUninit<V> {
+    #[inline(always)]
+    fn put(&mut self, value: V) {
+        self.write(value);
+    }
+}
+
+impl<'t, 'a, T> Target<'t, 'a, T> {
+    /// Planes that hold nothing but the block.
+    pub(crate) fn whole(planes: &'t mut [&'a mut [T]]) -> Target<'t, 'a, T> {
+        let rows = Rows { counts: [1; 3], steps: [[0; 2]; 3], at: [0; 3], here: [0; 2], left: 1 };
+        let length = planes.first().map_or(0, |plane| plane.len());
+        Target { runs: planes, per_plane: 1, rows, length }
+    }
+
+    /// Of each row.
+    pub(crate) fn length(&self) -> usize {
+        self.length
+    }
+
+    /// The next row in each of three planes.
+    #[inline(always)]
+    pub(crate) fn next_row(&mut self) -> Option<[&mut [T]; 3]> {
+        let [run, at] = self.rows.next()?;
+        let (red, rest) = self.runs.split_at_mut(self.per_plane);
+        let (green, blue) = rest.split_at_mut(self.per_plane);
+        Some([red, green, blue].map(|runs| &mut runs[run][at..at + self.length]))
+    }
+
+    /// Puts each value into so many places after each other.
+    pub(crate) fn fill<V: Copy>(self, values: &[V], places: usize)
+    where
+        T: Place<V>,
+    {
+        let (planes, per_row) = (self.runs.len() / self.per_plane, self.length / places);
+        // Who hands in memory without values relies on it.
+        assert!(
+            per_row * places == self.length && values.len() == planes * self.rows.left * per_row,
+            "a value for each place"
+        );
+        let mut values = values.iter();
+        for runs in self.runs.chunks_exact_mut(self.per_plane) {
+            for [run, at] in self.rows.clone() {
+                let row = &mut runs[run][at..at + self.length];
+                for (places, value) in row.chunks_exact_mut(places).zip(&mut values) {
+                    places.iter_mut().for_each(|place| place.put(*value));
+                }
+            }
+        }
+    }
+
+    /// Puts values into all rows, those of each plane after each other.
+    pub(crate) fn put_all<V: Copy>(self, values: &[V])
+    where
+        T: Place<V>,
+    {
+        let Target { runs, per_plane, rows: Rows { counts, steps, here, .. }, length } = self;
+        let positions = counts.iter().product::<usize>() * length;
+        // Who hands in memory without values relies on it.
+        assert_eq!(values.len(), runs.len() / per_plane * positions, "a value for each place");
+        for (runs, values) in runs.chunks_exact_mut(per_plane).zip(values.chunks_exact(positions)) {
+            let mut left = values;
+            // In loops that need no memory of their own: what they stored would wait behind the values, which wait for memory.
+            for i in 0..counts[0] {
+                for j in 0..counts[1] {
+                    let [run, at] = [0, 1].map(|s| here[s] + i * steps[0][s] + j * steps[1][s]);
+                    let [next_run, next_at] = steps[2];
+                    for k in 0..counts[2] {
+                        let (values, rest) = left.split_at(length);
+                        let row = &mut runs[run + k * next_run][at + k * next_at..][..length];
+                        row.iter_mut().zip(values).for_each(|(place, value)| place.put(*value));
+                        left = rest;
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::any_partition;
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Every block is in one share, whose memory is the block's places in both planes.
+        #[test]
+        fn shares_have_the_places_of_their_blocks(partition in any_partition(), depth in 0usize..4) {
+            let n = partition.grid().iter().product::<usize>();
+            let expected: Vec<u32> = (1..=2 * n as u32).collect();
+            let mut planes = vec![MaybeUninit::new(0u32); 2 * n];
+            let shares = Shares::at_depth(&partition, depth);
+            let mut found = vec![false; partition.block_count()];
+            let mut memory = shares.memory(&mut planes);
+            prop_assert_eq!(memory.len(), shares.count());
+            for (share, memory) in memory.iter_mut().enumerate() {
+                let places: usize = memory.runs.iter().map(|run| run.len()).sum();
+                prop_assert_eq!(places, 2 * shares.positions(share));
+                let mut positions = 0;
+                for (number, block) in shares.blocks(share) {
+                    prop_assert_eq!(Some(block), partition.block(number));
+                    prop_assert!(!std::mem::replace(&mut found[number], true));
+                    positions += block.positions();
+                    let mut values = vec![0; 2 * block.positions()];
+                    for (plane, values) in expected.chunks_exact(n).zip(values.chunks_exact_mut(block.positions())) {
+                        block.gather(partition.grid(), plane, values);
+                    }
+                    memory.of_block(&block).put_all(&values);
+                }
+                prop_assert_eq!(positions, shares.positions(share));
+            }
+            prop_assert!(found.iter().all(|found| *found));
+            // SAFETY: all are written above, before as well.
+            #[allow(unsafe_code)]
+            let values: Vec<u32> = planes.iter().map(|place| unsafe { place.assume_init() }).collect();
+            prop_assert_eq!(values, expected);
+        }
+
+        /// One value for each row, and rows one after the other.
+        #[test]
+        fn rows_are_in_order(partition in any_partition(), depth in 0usize..4) {
+            let n = partition.grid().iter().product::<usize>();
+            let (mut filled, mut by_row) = (vec![0u32; 3 * n], vec![0u32; 3 * n]);
+            let shares = Shares::at_depth(&partition, depth);
+            let memory = shares.memory(&mut filled).into_iter().zip(shares.memory(&mut by_row));
+            for (share, (mut filled, mut by_row)) in memory.enumerate() {
+                for (number, block) in shares.blocks(share) {
+                    let length = block.shape[3];
+                    let rows = block.positions() / length;
+                    let values: Vec<u32> = (0..3 * rows).map(|row| (1 + number * 1000 + row) as u32).collect();
+                    filled.of_block(&block).fill(&values, length);
+                    let mut target = by_row.of_block(&block);
+                    let mut row = 0;
+                    while let Some(planes) = target.next_row() {
+                        for (plane, places) in planes.into_iter().enumerate() {
+                            places.iter_mut().enumerate().for_each(|(i, place)| *place = values[plane * rows + row + i / length]);
+                        }
+                        row += target.length() / length;
+                    }
+                    prop_assert_eq!(row, rows);
+                }
+            }
+            prop_assert!(filled.iter().all(|value| *value > 0));
+            prop_assert_eq!(filled, by_row);
+        }
+
+        /// As many as asked for where there are as many, and no run shorter than it may be.
+        #[test]
+        fn shares_are_as_few_as_they_may_be(partition in any_partition(), least in 0usize..50) {
+            let shares = Shares::new(&partition, least);
+            if shares.depth > 0 {
+                prop_assert!(Shares::at_depth(&partition, shares.depth - 1).count() < least);
+                let behind: usize = partition.grid()[shares.depth + 1..].iter().product();
+                prop_assert!(shares.cells.iter().all(|cell| cell.shape[shares.depth] * behind >= MIN_RUN));
+            }
+        }
+    }
+}
