@@ -52,6 +52,8 @@ impl MaskModel {
         let mut held = std::mem::take(coder);
         let n = block.positions();
         let [_, _, n2, n3] = block.shape;
+        let predicted = |band: u8| usize::from(band) >= BANDS / 2;
+        let mut context = vec![0; n3];
         for m in 0..masks.len() / n {
             let (done, mask) = masks.split_at_mut(m * n);
             let sister = done.len().checked_sub(n).map(|start| &done[start..]);
@@ -62,16 +64,23 @@ impl MaskModel {
                 let bands = &bands[start..][..n3];
                 let above = (row % n2 > 0).then(|| &done[start - n3..][..n3]);
                 let sister = sister.map(|sister| &sister[start..][..n3]);
-                let mut left = None;
-                for k in 0..n3 {
-                    let predicted = usize::from(bands[k]) >= BANDS / 2;
-                    let known = |row: Option<&[bool]>| row.map_or(predicted, |row| row[k]);
-                    let context = usize::from(bands[k]) * 8
-                        + usize::from(left.unwrap_or(predicted)) * 4
-                        + usize::from(known(above)) * 2
-                        + usize::from(known(sister));
-                    line[k] = held.bit(contexts + context, line[k]);
-                    left = Some(line[k]);
+                for (k, context) in context.iter_mut().enumerate() {
+                    let known = |row: Option<&[bool]>| row.map_or(predicted(bands[k]), |row| row[k]);
+                    *context = bands[k] * 8 + u8::from(known(above)) * 2 + u8::from(known(sister));
+                }
+                // Runs go in loops of their own, as those of zeros.
+                let (mut k, mut left) = (0, predicted(bands[0]));
+                while k < n3 {
+                    let with_left = contexts + usize::from(left) * 4;
+                    while k < n3 {
+                        line[k] = held.bit(with_left + usize::from(context[k]), line[k]);
+                        if line[k] != left {
+                            break;
+                        }
+                        k += 1;
+                    }
+                    left = !left;
+                    k += 1;
                 }
             }
         }

@@ -15,6 +15,10 @@ const FIRST: usize = 3;
 const ANY_ZERO: usize = 0;
 const ALL_ZERO: usize = ANY_ZERO + STATES;
 const ZERO: usize = ALL_ZERO + STATES;
+/// Bits of a context: whether the one before on the row is zero, and the one before that.
+const LAST: usize = 1;
+const SECOND: usize = 1 << 4;
+const INVALID: u8 = 255;
 /// Number of contexts for zeros.
 pub(crate) const CONTEXTS: usize = ZERO + 32;
 
@@ -35,7 +39,7 @@ pub(crate) fn code_zeros<'a, C: Coder>(
     if C::READS {
         zeros.clear();
     }
-    let nothing = vec![false; n3];
+    let (nothing, mut around) = (vec![false; n3], vec![0; n3]);
     let mut before = FIRST;
     for channel in 0..channels {
         let given = if C::READS { &[] } else { zeros.get(channel * n..(channel + 1) * n).unwrap_or_default() };
@@ -72,20 +76,46 @@ pub(crate) fn code_zeros<'a, C: Coder>(
             let outer = if row / n2 % n1 > 0 { &done[start - n3 * n2..][..n3] } else { &nothing[..] };
             let sister = sister.map_or(&nothing[..], |sister| &sister[start..][..n3]);
             let valid = &valid[start..][..n3];
-            // The two before on the row.
-            let (mut last, mut second) = (false, false);
-            for k in 0..n3 {
-                let context = usize::from(last)
-                    | usize::from(above[k]) << 1
-                    | usize::from(outer[k]) << 2
-                    | usize::from(sister[k]) << 3
-                    | usize::from(second) << 4;
-                line[k] = valid[k] && held.bit(contexts + ZERO + context, line[k]);
-                (last, second) = (line[k], last);
+            // What is known of each entry but those on the row; nothing is coded of what is no valid one.
+            for (k, around) in around.iter_mut().enumerate() {
+                let context = u8::from(above[k]) << 1 | u8::from(outer[k]) << 2 | u8::from(sister[k]) << 3;
+                *around = if valid[k] { context } else { INVALID };
+            }
+            let around = &around[..n3];
+            // By whether the two before on the row are zero. Runs go in loops of their own: the processor then guesses what comes of a
+            // decision, where it would wait for it to know the next one's context.
+            let (mut k, mut before) = (0, [false, false]);
+            while k < n3 {
+                before = match before {
+                    [false, false] => {
+                        while k < n3 && !code(&mut held, contexts, around[k], 0, &mut line[k]) {
+                            k += 1;
+                        }
+                        [true, false]
+                    }
+                    [true, true] => {
+                        while k < n3 && code(&mut held, contexts, around[k], LAST | SECOND, &mut line[k]) {
+                            k += 1;
+                        }
+                        [false, true]
+                    }
+                    [last, _] => {
+                        let two = if last { LAST } else { SECOND };
+                        [code(&mut held, contexts, around[k], two, &mut line[k]), last]
+                    }
+                };
+                k += 1;
             }
         }
         *coder = held;
     }
+}
+
+/// Whether an entry is zero, by what is around it and whether the two before on the row are.
+#[inline(always)]
+fn code<C: Coder>(coder: &mut C, contexts: usize, around: u8, two_before: usize, zero: &mut bool) -> bool {
+    *zero = around != INVALID && coder.bit(contexts + ZERO + (usize::from(around) | two_before), *zero);
+    *zero
 }
 
 #[cfg(all(test, feature = "encode"))]
