@@ -173,8 +173,11 @@ fn lanes<const W: usize>(table: &AxisTable, used: &Used, inner: usize, at: usize
         positions::<W, POSITIONS>(table, used, inner, at, i, source, target);
         i += POSITIONS;
     }
-    for i in i..half {
-        positions::<W, 1>(table, used, inner, at, i, source, target);
+    // Two together take as long as one: each sum waits for its last term.
+    match half - i {
+        2 => positions::<W, 2>(table, used, inner, at, i, source, target),
+        1 => positions::<W, 1>(table, used, inner, at, i, source, target),
+        _ => {}
     }
 }
 
