@@ -43,7 +43,7 @@ pub(crate) type Term = (u32, f32);
 /// Buffers of a synthesis.
 #[derive(Debug, Default)]
 pub(crate) struct Lines {
-    /// Sums of one line; the DFT's whole spectra.
+    /// The DFT's whole spectra.
     sums: Vec<f32>,
     /// What comes of one axis and goes into the next.
     buffers: [Vec<f32>; 2],
@@ -55,7 +55,7 @@ pub(crate) struct Lines {
 #[derive(Debug)]
 pub(crate) struct AxisTable {
     pub(crate) n: usize,
-    /// DCT: `[k][i]` for the first half of the positions. DFT: `[f][i]`, `cos(2 pi f i / n) / sqrt(n)`.
+    /// DCT: `[k][i]` for the first half of the positions, and zeros to read beyond. DFT: `[f][i]`, `cos(2 pi f i / n) / sqrt(n)`.
     pub(crate) cos: Vec<f32>,
     /// DFT: `[f][i]`, `sin(2 pi f i / n) / sqrt(n)`.
     sin: Vec<f32>,
@@ -68,11 +68,12 @@ impl AxisTable {
                 let half = n.div_ceil(2);
                 let length = n as u64;
                 let turn: Vec<f64> = (0..4 * length).map(|j| cos_turn(j, 4 * length)).collect();
-                let mut cos = Vec::with_capacity(n * half);
+                let mut cos = Vec::with_capacity(n * half + dct::PADDING);
                 for k in 0..n {
                     let norm = (if k == 0 { 1.0 } else { 2.0 } / n as f64).sqrt();
                     cos.extend((0..half).map(|i| (turn[k * (2 * i + 1) % (4 * n)] * norm) as f32));
                 }
+                cos.resize(n * half + dct::PADDING, 0.0);
                 AxisTable { n, cos, sin: Vec::new() }
             }
             Basis::Dft => {

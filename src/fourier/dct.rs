@@ -16,6 +16,9 @@ const POSITIONS: usize = 3;
 /// Lanes of what is left over.
 const FEW: usize = 8;
 
+/// Numbers after the last of a table that may be read.
+pub(super) const PADDING: usize = SUMS;
+
 /// Writes the values of the block over whatever stands there.
 pub(super) struct Synthesize<'a> {
     pub(super) axes: [&'a AxisTable; 4],
@@ -39,13 +42,13 @@ impl Task for Synthesize<'_> {
         let (last, mut inner) = (axes[3], axes[3].n);
         let mut stages = axes[..3].iter().rev().filter(|table| table.n > 1).peekable();
         // From one buffer to the other, lines in use after each other, until the last stage writes the block.
-        let Lines { sums, buffers: [from, to], used: numbers } = lines;
+        let Lines { buffers: [from, to], used: numbers, .. } = lines;
         let (mut from, mut to) = (from, to);
         if stages.peek().is_none() {
-            return rows(last, terms, sums, numbers, values);
+            return rows(last, terms, numbers, values);
         }
         // At most one for each.
-        rows(last, terms, sums, numbers, room(from, (terms.len() * inner).min(values.len())));
+        rows(last, terms, numbers, room(from, (terms.len() * inner).min(values.len())));
         let mut used = Used::default();
         while let Some(table) = stages.next() {
             let n = table.n;
@@ -84,38 +87,66 @@ fn room(buffer: &mut Vec<f32>, length: usize) -> &mut [f32] {
     &mut buffer[..length]
 }
 
+/// Most positions whose sums stay in registers while the terms of a line go by, as many for each of two sums. More take longer, 96 with
+/// AVX-512 as well.
+const SUMS: usize = 48;
+
 /// The lines along the last axis that have a coefficient, and their numbers.
 #[inline(always)]
-fn rows(table: &AxisTable, mut terms: &[Term], sums: &mut Vec<f32>, numbers: &mut Vec<u32>, target: &mut [f32]) {
+fn rows(table: &AxisTable, mut terms: &[Term], numbers: &mut Vec<u32>, target: &mut [f32]) {
     let n = table.n;
     let half = n.div_ceil(2);
     numbers.clear();
-    let (even, odd) = room(sums, 2 * half).split_at_mut(half);
     let mut lines = target.chunks_exact_mut(n);
     while let (Some(&(position, _)), Some(line)) = (terms.first(), lines.next()) {
         let row = position as usize / n;
         numbers.push(row as u32);
-        even.fill(0.0);
-        odd.fill(0.0);
-        while let Some((&(position, value), rest)) = terms.split_first() {
-            let k = (position as usize).wrapping_sub(row * n);
-            if k >= n {
-                break;
+        let end = terms.iter().position(|&(position, _)| position as usize >= (row + 1) * n);
+        let (of_row, rest) = terms.split_at(end.unwrap_or(terms.len()));
+        terms = rest;
+        match half {
+            0..=16 => row_sums::<16>(table, of_row, row * n, 0, line),
+            17..=32 => row_sums::<32>(table, of_row, row * n, 0, line),
+            _ => {
+                let mut at = 0;
+                while half - at > SUMS {
+                    row_sums::<SUMS>(table, of_row, row * n, at, line);
+                    at += SUMS;
+                }
+                // Some of them once more.
+                row_sums::<SUMS>(table, of_row, row * n, half.saturating_sub(SUMS), line);
             }
-            let sums = if k & 1 == 0 { &mut *even } else { &mut *odd };
-            for (sum, c) in sums.iter_mut().zip(&table.cos[k * half..][..half]) {
-                *sum += value * c;
-            }
-            terms = rest;
-        }
-        let (front, back) = line.split_at_mut(half);
-        for ((value, e), o) in back.iter_mut().rev().zip(even.iter()).zip(odd.iter()) {
-            *value = e - o;
-        }
-        for ((value, e), o) in front.iter_mut().zip(even.iter()).zip(odd.iter()) {
-            *value = e + o;
         }
     }
+}
+
+/// Positions `at` and on of a line, and their mirror images, from the terms of the line, which begins at `start`.
+#[inline(always)]
+fn row_sums<const W: usize>(table: &AxisTable, terms: &[Term], start: usize, at: usize, line: &mut [f32]) {
+    let half = table.n.div_ceil(2);
+    let (mut even, mut odd) = ([0f32; W], [0f32; W]);
+    for &(position, value) in terms {
+        let k = position as usize - start;
+        // Tables go on for as many; what comes of that is not used.
+        let cos = &table.cos[k * half + at..][..W];
+        // A zero to the other sum, which does not change: nobody could tell which of the two comes next.
+        let (to_even, to_odd) = if k & 1 == 0 { (value, 0.0) } else { (0.0, value) };
+        for w in 0..W {
+            even[w] += to_even * cos[w];
+            odd[w] += to_odd * cos[w];
+        }
+    }
+    let (mut sum, mut difference) = ([0f32; W], [0f32; W]);
+    for w in 0..W {
+        sum[w] = even[w] + odd[w];
+        difference[w] = even[w] - odd[w];
+    }
+    let (front, back) = line.split_at_mut(half);
+    let mirrored = back.len().saturating_sub(at).min(W);
+    let end = back.len() - at;
+    back[end - mirrored..end].iter_mut().rev().zip(&difference).for_each(|(value, difference)| *value = *difference);
+    let width = W.min(half - at);
+    front[at..at + width].copy_from_slice(&sum[..width]);
 }
 
 /// Frequencies at which some lane is not zero, even and odd ones, each with its place in the source. Most coefficients are zero, and
