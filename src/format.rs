@@ -101,8 +101,8 @@ pub const EPS_RANGE: std::ops::RangeInclusive<f64> = 1e-300..=1e30;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// Most values (positions times channels) of a table that is decoded or verified as a whole. A decode holds the
-    /// result (4 bytes a value, 9 with validity in double precision), at most 64 MB of row addresses or a batch of some 2^22 values, and a
-    /// block a thread. It takes up to some 1 us of a processor a value (a hostile file with
+    /// result (4 bytes a value, 9 with validity in double precision), at most 64 MB of addresses for each of them, some 20 MB for
+    /// the threads' shares, and a block a thread. It takes up to some 1 us of a processor a value (a hostile file with
     /// long blocks; 20 ns is usual).
     pub table_values: usize,
     /// Most values of one block, at most [`MAX_BLOCK_VALUES`], and of a table of the profile; rebuilding it takes 40 bytes a value at most.

@@ -95,7 +95,39 @@ mod tests {
     use crate::range::{Decoder, Encoder};
     use proptest::prelude::*;
 
+    /// Section 4.8 of the specification, entry after entry.
+    fn by_the_specification(model: &MaskModel, coder: &mut impl Coder, block: &Block, masks: &[bool]) {
+        let (bands, n, shape) = (model.bands(block), block.positions(), block.shape);
+        for m in 0..masks.len() / n {
+            for (p, [_, _, k, l]) in crate::block::positions(shape).enumerate() {
+                let predicted = bands[p] >= 4;
+                let left = if l > 0 { masks[m * n + p - 1] } else { predicted };
+                let above = if k > 0 { masks[m * n + p - shape[3]] } else { predicted };
+                let sister = if m > 0 { masks[(m - 1) * n + p] } else { predicted };
+                let context =
+                    usize::from(bands[p]) * 8 + usize::from(left) * 4 + usize::from(above) * 2 + usize::from(sister);
+                coder.bit(context, masks[m * n + p]);
+            }
+        }
+    }
+
     proptest! {
+        #[test]
+        fn bits_are_those_of_the_specification(
+            flips in prop::collection::vec(any::<u16>(), 0..300), threshold in prop::option::of(-0.1f64..0.5), phi in 0usize..140
+        ) {
+            let block = Block { origin: [0, 60, 45, phi], shape: [1, 5, 4, 40] };
+            let n = block.positions();
+            let model = MaskModel::new(Horizon::new(&Grid::merl()), threshold);
+            let mut masks = [model.predict(&block), model.predict(&block)].concat();
+            flips.iter().map(|flip| usize::from(*flip) % (2 * n)).for_each(|at| masks[at] = !masks[at]);
+            let probabilities = vec![30000; CONTEXTS];
+            let [mut plain, mut encoder] = [Encoder::new(&probabilities), Encoder::new(&probabilities)];
+            by_the_specification(&model, &mut plain, &block, &masks);
+            model.code(&mut encoder, 0, &block, &mut masks);
+            prop_assert_eq!(plain.finish(), encoder.finish());
+        }
+
         #[test]
         fn decoding_undoes_coding(flips in prop::collection::vec(any::<u16>(), 0..60), threshold in prop::option::of(-0.1f64..0.5)) {
             let block = Block { origin: [0, 60, 45, 30], shape: [1, 7, 8, 9] };

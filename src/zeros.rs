@@ -124,7 +124,66 @@ mod tests {
     use crate::range::{Decoder, Encoder};
     use proptest::prelude::*;
 
+    /// Section 4.9 of the specification, entry after entry.
+    fn by_the_specification(
+        coder: &mut impl Coder,
+        shape: [usize; 4],
+        channels: usize,
+        masks: &[bool],
+        zeros: &[bool],
+    ) {
+        let n: usize = shape.iter().product();
+        let mut before = FIRST;
+        for channel in 0..channels {
+            let (start, mask) = (channel * n, channel * n % masks.len());
+            let of_channel = &zeros[start..start + n];
+            let any = coder.bit(ANY_ZERO + before, of_channel.contains(&true));
+            let all = any && coder.bit(ALL_ZERO + before, of_channel == &masks[mask..mask + n]);
+            before = [NONE, SOME, ALL][usize::from(any) + usize::from(all)];
+            if !any || all {
+                continue;
+            }
+            for (p, [i, j, k, l]) in crate::block::positions(shape).enumerate() {
+                let at = |[i, j, k, l]: [usize; 4]| of_channel[((i * shape[1] + j) * shape[2] + k) * shape[3] + l];
+                let bits = [
+                    l > 0 && at([i, j, k, l - 1]),
+                    k > 0 && at([i, j, k - 1, l]),
+                    j > 0 && at([i, j - 1, k, l]),
+                    channel > 0 && zeros[start - n + p],
+                    l > 1 && at([i, j, k, l - 2]),
+                ];
+                if masks[mask + p] {
+                    let context: usize = bits.iter().enumerate().map(|(bit, set)| usize::from(*set) << bit).sum();
+                    coder.bit(ZERO + context, of_channel[p]);
+                }
+            }
+        }
+    }
+
     proptest! {
+        #[test]
+        fn bits_are_those_of_the_specification(
+            shape in (1usize..3, 1usize..4, 1usize..4, 1usize..40), channels in 1usize..4, common in any::<bool>(), seed in any::<u64>(),
+            runs in 1u64..20
+        ) {
+            let shape = <[usize; 4]>::from(shape);
+            let n: usize = shape.iter().product();
+            let mut random = crate::sample::SplitMix64(seed);
+            let masks: Vec<bool> = (0..if common { n } else { channels * n }).map(|_| !random.next_u64().is_multiple_of(9)).collect();
+            let mut zero = false;
+            let zeros: Vec<bool> = (0..channels * n)
+                .map(|i| {
+                    zero ^= random.next_u64().is_multiple_of(runs);
+                    zero && masks[i % masks.len()]
+                })
+                .collect();
+            let probabilities: Vec<u16> = (0..CONTEXTS).map(|_| random.next_u64() as u16 | 1).collect();
+            let [mut plain, mut encoder] = [Encoder::new(&probabilities), Encoder::new(&probabilities)];
+            by_the_specification(&mut plain, shape, channels, &masks, &zeros);
+            code_zeros(&mut encoder, 0, shape, channels, || &masks, &mut zeros.clone());
+            prop_assert_eq!(plain.finish(), encoder.finish());
+        }
+
         #[test]
         fn decoding_undoes_coding(
             shape in prop::array::uniform4(1usize..5), channels in 1usize..4, common in any::<bool>(), seed in any::<u64>(),

@@ -7,15 +7,18 @@ use std::mem::MaybeUninit;
 
 use super::{Block, Partition, div_ceil, linear, unravel};
 
-/// A shorter run of memory would take more to list than to fill.
-const MIN_RUN: usize = 16;
+/// Most shares, a few hundred bytes each, and most runs, 16 bytes each.
+const MAX_SHARES: usize = 1 << 16;
+const MAX_RUNS: usize = 1 << 22;
 
 /// The cut.
 pub(crate) struct Shares<'p> {
     partition: &'p Partition,
     /// Runs are pieces of this axis, with all of those behind.
     depth: usize,
+    /// In order of their tiles, each of so many.
     cells: Vec<Cell>,
+    tiles: usize,
     /// Number of the first share of each cell, then the number of shares.
     first: Vec<usize>,
 }
@@ -33,42 +36,46 @@ struct Cell {
 }
 
 impl Shares<'_> {
-    /// As few as possible, but so many if there are as many.
-    pub(crate) fn new(partition: &Partition, least: usize) -> Shares<'_> {
-        let mut shares = Shares::at_depth(partition, 0);
-        for depth in 1..4 {
-            if shares.count() >= least {
+    /// As few as there are from `least` on, or the most that there are, if their runs in so many planes do not take more memory than they
+    /// may.
+    pub(crate) fn new(partition: &Partition, planes: usize, least: usize) -> Shares<'_> {
+        let (mut best, mut most) = (None, 1);
+        for depth in 0..4 {
+            if most >= least {
                 break;
             }
-            let deeper = Shares::at_depth(partition, depth);
-            let behind: usize = partition.grid[depth + 1..].iter().product();
-            if deeper.cells.iter().any(|cell| cell.shape[depth] * behind < MIN_RUN) {
-                break;
+            let (count, runs) = Shares::counts(partition, depth);
+            if count > most && count <= MAX_SHARES && runs.saturating_mul(planes) <= MAX_RUNS {
+                (best, most) = (Some(depth), count);
             }
-            shares = deeper;
         }
-        shares
+        best.map_or_else(|| Shares::whole(partition), |depth| Shares::at_depth(partition, depth))
+    }
+
+    /// One share.
+    fn whole(partition: &Partition) -> Shares<'_> {
+        let bounds = Block { origin: [0; 4], shape: partition.grid };
+        let cells = vec![Cell { bounds, shape: partition.grid, counts: [1; 4], tile: 0 }];
+        Shares { partition, depth: 0, cells, tiles: partition.tile_shape.len(), first: vec![0, 1] }
     }
 
     fn at_depth(partition: &Partition, depth: usize) -> Shares<'_> {
-        let behind: usize = partition.tiles[depth + 1..].iter().product();
+        let tiles = partition.tiles[depth + 1..].iter().product();
         let mut first = vec![0];
-        let cells = (0..partition.tile_shape.len()).step_by(behind).map(|tile| {
-            let mut bounds = partition.tile_box(tile);
-            bounds.shape[depth + 1..].copy_from_slice(&partition.grid[depth + 1..]);
-            let mut shape = partition.shape_of(tile);
-            for (axis, length) in shape.iter_mut().enumerate() {
-                let agreed = (tile..tile + behind).all(|other| partition.shape_of(other)[axis] == *length);
-                if axis > depth || !agreed {
-                    *length = bounds.shape[axis];
-                }
-            }
-            let counts = div_ceil(bounds.shape, shape);
-            first.push(first[first.len() - 1] + counts.iter().product::<usize>());
-            Cell { bounds, shape, counts, tile }
+        let cells = Cell::all(partition, depth).inspect(|cell| {
+            first.push(first[first.len() - 1] + cell.counts.iter().product::<usize>());
         });
         let cells = cells.collect();
-        Shares { partition, depth, cells, first }
+        Shares { partition, depth, cells, tiles, first }
+    }
+
+    /// Number of shares at a depth, and of their runs in one plane.
+    fn counts(partition: &Partition, depth: usize) -> (usize, usize) {
+        let of_cell = |cell: Cell| {
+            let lines: usize = cell.bounds.shape[..depth].iter().product();
+            (cell.counts.iter().product::<usize>(), lines * cell.counts[depth])
+        };
+        Cell::all(partition, depth).map(of_cell).fold((0, 0), |sums, (shares, runs)| (sums.0 + shares, sums.1 + runs))
     }
 
     pub(crate) fn count(&self) -> usize {
@@ -97,8 +104,7 @@ impl Shares<'_> {
     /// Numbers and places of the blocks of a share.
     pub(crate) fn blocks(&self, share: usize) -> impl Iterator<Item = (usize, Block)> {
         let (cell, at) = self.cell_of(share);
-        let behind: usize = self.partition.tiles[self.depth + 1..].iter().product();
-        (cell.tile..cell.tile + behind).flat_map(move |tile| {
+        (cell.tile..cell.tile + self.tiles).flat_map(move |tile| {
             let (bounds, shape) = (self.partition.tile_box(tile), self.partition.shape_of(tile));
             let counts = div_ceil(bounds.shape, shape);
             // The one of the share, or all.
@@ -130,7 +136,7 @@ impl Shares<'_> {
             })
             .collect();
         let behind: usize = grid[depth + 1..].iter().product();
-        let along = partition.tiles[depth];
+        let along = if self.cells.len() == 1 { 1 } else { partition.tiles[depth] };
         let mut before = [1; 4];
         before[..depth].copy_from_slice(&grid[..depth]);
         let mut told = 0;
@@ -155,6 +161,25 @@ impl Shares<'_> {
         // Runs are disjoint, so that as many places as there are means all of them. Who hands in memory without values relies on it.
         assert_eq!(told, all, "shares cover whole planes of the grid");
         memory
+    }
+}
+
+impl Cell {
+    /// Those of a depth.
+    fn all(partition: &Partition, depth: usize) -> impl Iterator<Item = Cell> {
+        let tiles: usize = partition.tiles[depth + 1..].iter().product();
+        (0..partition.tile_shape.len()).step_by(tiles).map(move |tile| {
+            let mut bounds = partition.tile_box(tile);
+            bounds.shape[depth + 1..].copy_from_slice(&partition.grid[depth + 1..]);
+            let mut shape = partition.shape_of(tile);
+            for (axis, length) in shape.iter_mut().enumerate() {
+                let agreed = (tile..tile + tiles).all(|other| partition.shape_of(other)[axis] == *length);
+                if axis > depth || !agreed {
+                    *length = bounds.shape[axis];
+                }
+            }
+            Cell { bounds, shape, counts: div_ceil(bounds.shape, shape), tile }
+        })
     }
 }
 
@@ -331,14 +356,33 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    /// Tiles that disagree, and channels: neither lists nor shares beyond what they may be.
+    #[test]
+    fn shares_are_bounded() {
+        let [tile, grid] = [[128, 128, 1023, 16], [128, 128, 1024, 16]];
+        let partition = Partition::tiled(grid, tile, vec![[1, 1, 1, 16], [2, 2, 1, 16]], vec![0, 1]).unwrap();
+        assert_eq!(Shares::new(&partition, 1, 8).count(), 1);
+        let partition = Partition::uniform([1, 2048, 1024, 16], [1, 1, 1, 16]).unwrap();
+        assert_eq!(Shares::new(&partition, 1, 8).count(), 2048);
+        assert_eq!(Shares::new(&partition, 4, 5000).count(), 2048);
+        let partition = Partition::uniform([65536, 1, 1, 1], [1; 4]).unwrap();
+        assert_eq!(Shares::new(&partition, 256, 8).count(), 1);
+        assert_eq!(Shares::new(&partition, 64, 8).count(), 65536);
+        assert_eq!(Shares::new(&partition, 1, 1).count(), 1);
+        // A deeper cut that gives no more.
+        let partition =
+            Partition::tiled([1, 90, 90, 180], [1, 18, 18, 180], vec![[1, 18, 18, 180]], vec![0; 25]).unwrap();
+        assert_eq!(Shares::new(&partition, 3, 64).depth, 2);
+    }
+
     proptest! {
         /// Every block is in one share, whose memory is the block's places in both planes.
         #[test]
-        fn shares_have_the_places_of_their_blocks(partition in any_partition(), depth in 0usize..4) {
+        fn shares_have_the_places_of_their_blocks(partition in any_partition(), depth in prop::option::of(0usize..4)) {
             let n = partition.grid().iter().product::<usize>();
             let expected: Vec<u32> = (1..=2 * n as u32).collect();
             let mut planes = vec![MaybeUninit::new(0u32); 2 * n];
-            let shares = Shares::at_depth(&partition, depth);
+            let shares = depth.map_or_else(|| Shares::whole(&partition), |depth| Shares::at_depth(&partition, depth));
             let mut found = vec![false; partition.block_count()];
             let mut memory = shares.memory(&mut planes);
             prop_assert_eq!(memory.len(), shares.count());
@@ -367,10 +411,10 @@ mod tests {
 
         /// One value for each row, and rows one after the other.
         #[test]
-        fn rows_are_in_order(partition in any_partition(), depth in 0usize..4) {
+        fn rows_are_in_order(partition in any_partition(), depth in prop::option::of(0usize..4)) {
             let n = partition.grid().iter().product::<usize>();
             let (mut filled, mut by_row) = (vec![0u32; 3 * n], vec![0u32; 3 * n]);
-            let shares = Shares::at_depth(&partition, depth);
+            let shares = depth.map_or_else(|| Shares::whole(&partition), |depth| Shares::at_depth(&partition, depth));
             let memory = shares.memory(&mut filled).into_iter().zip(shares.memory(&mut by_row));
             for (share, (mut filled, mut by_row)) in memory.enumerate() {
                 for (number, block) in shares.blocks(share) {
@@ -393,15 +437,19 @@ mod tests {
             prop_assert_eq!(filled, by_row);
         }
 
-        /// As many as asked for where there are as many, and no run shorter than it may be.
+        /// As few as there are from those asked for on, or the most.
         #[test]
         fn shares_are_as_few_as_they_may_be(partition in any_partition(), least in 0usize..50) {
-            let shares = Shares::new(&partition, least);
-            if shares.depth > 0 {
-                prop_assert!(Shares::at_depth(&partition, shares.depth - 1).count() < least);
-                let behind: usize = partition.grid()[shares.depth + 1..].iter().product();
-                prop_assert!(shares.cells.iter().all(|cell| cell.shape[shares.depth] * behind >= MIN_RUN));
+            let counts: Vec<usize> = (0..4).map(|depth| Shares::at_depth(&partition, depth).count()).collect();
+            for (depth, count) in counts.iter().enumerate() {
+                let shares = Shares::at_depth(&partition, depth);
+                let runs = shares.memory(&mut vec![0u8; partition.grid().iter().product()]).iter().map(|memory| memory.runs.len()).sum();
+                prop_assert_eq!(Shares::counts(&partition, depth), (*count, runs));
             }
+            let count = Shares::new(&partition, 1, least).count();
+            let enough = counts.iter().find(|count| **count >= least);
+            let expected = if least < 2 { 1 } else { *enough.unwrap_or(counts.iter().max().unwrap()) };
+            prop_assert_eq!(count, expected);
         }
     }
 }

@@ -49,7 +49,7 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
         let threads = rayon::current_num_threads();
         #[cfg(not(feature = "parallel"))]
         let threads = 1;
-        Shares::new(self.partition(), if threads == 1 { 1 } else { 4 * threads })
+        Shares::new(self.partition(), self.grid().channels().len(), if threads == 1 { 1 } else { 4 * threads })
     }
 
     fn values_of_blocks<P: Place<f32> + Send>(&self, places: &mut [P]) -> Result<()> {

@@ -13,6 +13,7 @@ use crate::simd::Task;
 /// 4 % longer with AVX-512, as long with AVX2; 4 and 32 are beyond the compiler.
 const LANES: usize = 32;
 const POSITIONS: usize = 3;
+const _: () = assert!(POSITIONS == 3, "`lanes` knows what may be left over");
 /// Lanes of what is left over.
 const FEW: usize = 8;
 
