@@ -63,7 +63,7 @@ struct Whole {
 fn whole(reader: &Reader<impl AsRef<[u8]> + Sync>) -> Result<Whole, Failure> {
     let raw_file = tempfile::NamedTempFile::new()?;
     raw::write(raw_file.path(), reader.grid().positions() * reader.grid().channels().len())?;
-    let pool = |threads: usize| rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    let pool = |threads: usize| rayon::ThreadPoolBuilder::new().num_threads(threads).start_handler(stay).build();
     let (one, all) = (pool(1)?, pool(std::thread::available_parallelism()?.get())?);
     let mut turns: [Vec<f64>; 6] = Default::default();
     for _ in 0..21 {
@@ -73,18 +73,19 @@ fn whole(reader: &Reader<impl AsRef<[u8]> + Sync>) -> Result<Whole, Failure> {
                 Ok(())
             })
         };
-        let (single, parallel) = (decode(&one)?[0], decode(&all)?[0]);
-        let raw = times(1, |_| {
-            black_box(raw::read(raw_file.path())?);
-            Ok(())
-        })?[0];
         let calculate = |pool: &rayon::ThreadPool| {
             times(1, |_| {
                 pool.install(arithmetic);
                 Ok(())
             })
         };
-        let (slow, fast) = (calculate(&one)?[0], calculate(&all)?[0]);
+        // Each pool decodes when it is awake: a processor that nobody used for a while comes back milliseconds late on some machines.
+        let (slow, single) = (calculate(&one)?[0], decode(&one)?[0]);
+        let (fast, parallel) = (calculate(&all)?[0], decode(&all)?[0]);
+        let raw = times(1, |_| {
+            black_box(raw::read(raw_file.path())?);
+            Ok(())
+        })?[0];
         let turn = [single, parallel, raw, single / raw, single / parallel, slow / fast];
         turns.iter_mut().zip(turn).for_each(|(all, one)| all.push(one));
     }
@@ -94,6 +95,21 @@ fn whole(reader: &Reader<impl AsRef<[u8]> + Sync>) -> Result<Whole, Failure> {
     });
     Ok(Whole { single, all, raw, of_raw, gain, gain_of_arithmetic })
 }
+
+/// Keeps a thread on a processor of its own: for the milliseconds of a decode the system may leave two on the one where they woke up.
+#[cfg(target_os = "linux")]
+fn stay(thread: usize) {
+    use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
+    let Ok(allowed) = sched_getaffinity(None) else { return };
+    let Some(processor) = (0..CpuSet::MAX_CPU).filter(|cpu| allowed.is_set(*cpu)).nth(thread) else { return };
+    let mut one = CpuSet::new();
+    one.set(processor);
+    // Where it may not, the system goes on to choose.
+    let _ = sched_setaffinity(None, &one);
+}
+
+#[cfg(not(target_os = "linux"))]
+fn stay(_: usize) {}
 
 /// Multiplications and additions in registers, as many at a time as a processor has room for, for some milliseconds.
 fn arithmetic() {

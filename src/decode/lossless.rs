@@ -1,6 +1,5 @@
 //! The source's bits, from files that keep them (spec section 4.12).
 
-use super::table::for_each_block;
 use super::{Reader, Scratch};
 use crate::block::Block;
 use crate::error::{Error, Result};
@@ -88,7 +87,7 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
         let index = self.exact_index()?;
         let mut values = vec![0f64; self.check_table_size()?];
         let shares = self.shares();
-        for_each_block(&shares, shares.memory(&mut values), |scratch, block, place, memory| {
+        self.for_each_block(&shares, shares.memory(&mut values), |scratch, block, place, memory| {
             let (_, bits) = self.exact_bits(&index, block, scratch)?;
             let exact: Vec<f64> = bits.into_iter().map(f64::from_bits).collect();
             memory.of_block(place).put_all(&exact);

@@ -54,9 +54,40 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
 
     fn values_of_blocks<P: Place<f32> + Send>(&self, places: &mut [P]) -> Result<()> {
         let shares = self.shares();
-        for_each_block(&shares, shares.memory(places), |scratch, block, place, memory| {
+        self.for_each_block(&shares, shares.memory(places), |scratch, block, place, memory| {
             self.values_to(block, scratch, memory.of_block(place))
         })
+    }
+
+    /// `work` on every block, with its place and the memory of the share that it is in; the first error ends it. Threads take the shares
+    /// that take longest first, so that they end together.
+    pub(super) fn for_each_block<M: Send>(
+        &self,
+        shares: &Shares,
+        memory: Vec<M>,
+        work: impl Fn(&mut Scratch, usize, &Block, &mut M) -> Result<()> + Sync + Send,
+    ) -> Result<()> {
+        let fill = |scratch: &mut Scratch, share: usize, mut memory: M| {
+            let mut positions = 0;
+            for (block, place) in shares.blocks(share) {
+                work(scratch, block, &place, &mut memory)?;
+                positions += place.positions();
+            }
+            // Blocks are disjoint: these are all of the share. Who hands in memory without values relies on it.
+            assert_eq!(positions, shares.positions(share), "blocks cover their share");
+            Ok(())
+        };
+        assert_eq!(memory.len(), shares.count(), "memory for each share");
+        #[cfg(feature = "parallel")]
+        if memory.len() > 1 {
+            let bytes =
+                |share: usize| shares.blocks(share).map(|(block, _)| self.index.record(block).len()).sum::<usize>();
+            let mut queue: Vec<_> = memory.into_iter().enumerate().collect();
+            queue.sort_by_cached_key(|(share, _)| std::cmp::Reverse(shares.positions(*share) + BYTE * bytes(*share)));
+            return fill_in_order(queue, fill);
+        }
+        let mut scratch = Scratch::default();
+        memory.into_iter().enumerate().try_for_each(|(share, memory)| fill(&mut scratch, share, memory))
     }
 
     /// The whole table in double precision and the source's units, with the validity of its entries.
@@ -69,7 +100,7 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
         let eps = self.header.coding.eps;
         let shares = self.shares();
         let memory = shares.memory(&mut values).into_iter().zip(shares.memory(&mut valid)).collect();
-        for_each_block(&shares, memory, |scratch, block, place, (values, valid)| {
+        self.for_each_block(&shares, memory, |scratch, block, place, (values, valid)| {
             self.decode_log(block, scratch)?;
             let mut decoded = Vec::with_capacity(scratch.log.len());
             for (log, channel) in scratch.log.chunks_exact(place.positions()).zip(self.grid().channels()) {
@@ -187,45 +218,21 @@ pub(super) fn map_blocks<T>(
     blocks.map(|block| work(&mut scratch, block)).collect()
 }
 
-/// `work` on every block, with its place and the memory of the share that it is in; the first error ends it. Threads take the largest
-/// shares first, so that they end together.
-pub(super) fn for_each_block<M: Send>(
-    shares: &Shares,
-    memory: Vec<M>,
-    work: impl Fn(&mut Scratch, usize, &Block, &mut M) -> Result<()> + Sync + Send,
-) -> Result<()> {
-    let fill = |scratch: &mut Scratch, share: usize, mut memory: M| {
-        let mut positions = 0;
-        for (block, place) in shares.blocks(share) {
-            work(scratch, block, &place, &mut memory)?;
-            positions += place.positions();
-        }
-        // Blocks are disjoint: these are all of the share. Who hands in memory without values relies on it.
-        assert_eq!(positions, shares.positions(share), "blocks cover their share");
-        Ok(())
-    };
-    assert_eq!(memory.len(), shares.count(), "memory for each share");
-    #[cfg(feature = "parallel")]
-    if memory.len() > 1 {
-        return fill_in_parallel(shares, memory, fill);
-    }
-    let mut scratch = Scratch::default();
-    memory.into_iter().enumerate().try_for_each(|(share, memory)| fill(&mut scratch, share, memory))
-}
+/// A byte of a record takes about as long as so many positions.
+#[cfg(feature = "parallel")]
+const BYTE: usize = 32;
 
 #[cfg(feature = "parallel")]
-fn fill_in_parallel<M: Send>(
-    shares: &Shares,
-    memory: Vec<M>,
+fn fill_in_order<M: Send>(
+    queue: Vec<(usize, M)>,
     fill: impl Fn(&mut Scratch, usize, M) -> Result<()> + Sync + Send,
 ) -> Result<()> {
     use rayon::prelude::*;
-    let mut queue: Vec<_> = memory.into_iter().enumerate().collect();
-    queue.sort_by_cached_key(|(share, _)| std::cmp::Reverse(shares.positions(*share)));
+    let count = queue.len();
     let queue = std::sync::Mutex::new(queue.into_iter());
     let next = || queue.lock().unwrap_or_else(std::sync::PoisonError::into_inner).next();
     let scratches = Scratches::default();
-    (0..shares.count()).into_par_iter().with_max_len(1).try_for_each(|_| match next() {
+    (0..count).into_par_iter().with_max_len(1).try_for_each(|_| match next() {
         Some((share, memory)) => scratches.lend(|scratch| fill(scratch, share, memory)),
         None => Ok(()),
     })
