@@ -4,9 +4,11 @@
 //! edges and blocks at their tile's far edges may be short. One tile that covers the grid gives one block shape
 //! everywhere. Blocks are numbered tile after tile, last axis fastest.
 
+mod memory;
 mod shares;
 
-pub(crate) use self::shares::{Place, Shares, Target};
+pub(crate) use self::memory::{Place, Target};
+pub(crate) use self::shares::Shares;
 use crate::error::{Error, Result};
 use crate::format::{MAX_AXIS_LEN, MAX_BLOCK_AXIS, MAX_BLOCK_POSITIONS, MAX_BLOCKS, MAX_POSITIONS, MAX_TABLE_ENTRIES};
 
