@@ -27,6 +27,14 @@ impl Block {
         self.shape.iter().product()
     }
 
+    /// The part at a place among those of a shape that this block is cut into; at the far edges they may be short.
+    fn part(&self, at: [usize; 4], shape: [usize; 4]) -> Block {
+        Block {
+            origin: std::array::from_fn(|i| self.origin[i] + at[i] * shape[i]),
+            shape: std::array::from_fn(|i| shape[i].min(self.shape[i] - at[i] * shape[i])),
+        }
+    }
+
     /// Calls `row(start in the plane, start in the block, length)` for each run along the last axis.
     fn rows(&self, grid: [usize; 4], mut row: impl FnMut(usize, usize, usize)) {
         let [o0, o1, o2, o3] = self.origin;
@@ -180,9 +188,7 @@ impl Partition {
     }
 
     fn tile_box(&self, tile: usize) -> Block {
-        let at = unravel(tile, self.tiles);
-        let origin = std::array::from_fn(|i| at[i] * self.tile[i]);
-        Block { origin, shape: std::array::from_fn(|i| self.tile[i].min(self.grid[i] - origin[i])) }
+        Block { origin: [0; 4], shape: self.grid }.part(unravel(tile, self.tiles), self.tile)
     }
 
     /// Shape of the grid.
@@ -263,10 +269,7 @@ impl Partition {
         let bounds = self.tile_box(tile);
         let shape = self.shape_of(tile);
         let at = unravel(block - self.first[tile] as usize, div_ceil(bounds.shape, shape));
-        Some(Block {
-            origin: std::array::from_fn(|i| bounds.origin[i] + at[i] * shape[i]),
-            shape: std::array::from_fn(|i| shape[i].min(bounds.shape[i] - at[i] * shape[i])),
-        })
+        Some(bounds.part(at, shape))
     }
 
     /// Block of a grid position and the position's index within it; `None` outside the grid.

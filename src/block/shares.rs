@@ -90,10 +90,7 @@ impl Shares<'_> {
 
     fn bounds(&self, share: usize) -> Block {
         let (cell, at) = self.cell_of(share);
-        Block {
-            origin: std::array::from_fn(|i| cell.bounds.origin[i] + at[i] * cell.shape[i]),
-            shape: std::array::from_fn(|i| cell.shape[i].min(cell.bounds.shape[i] - at[i] * cell.shape[i])),
-        }
+        cell.bounds.part(at, cell.shape)
     }
 
     /// Number of positions of a share.
@@ -114,11 +111,7 @@ impl Shares<'_> {
             let first = self.partition.first[tile] as usize;
             super::positions(some).map(move |within| {
                 let at: [usize; 4] = std::array::from_fn(|axis| from[axis] + within[axis]);
-                let place = Block {
-                    origin: std::array::from_fn(|axis| bounds.origin[axis] + at[axis] * shape[axis]),
-                    shape: std::array::from_fn(|axis| shape[axis].min(bounds.shape[axis] - at[axis] * shape[axis])),
-                };
-                (first + linear(at, counts), place)
+                (first + linear(at, counts), bounds.part(at, shape))
             })
         })
     }
