@@ -51,6 +51,11 @@ pub enum Error {
         /// The largest value allowed.
         limit: u64,
     },
+    /// The machine has no memory for what the file needs; nothing was aborted.
+    OutOfMemory {
+        /// Bytes that were asked for.
+        bytes: u64,
+    },
     /// An encoder's contract cannot be met, or a file breaks the one that it states.
     ContractNotMet(String),
     /// An argument of the call is out of its range.
@@ -125,6 +130,9 @@ impl fmt::Display for Error {
             }
             Error::LimitExceeded { what, got, limit } => {
                 write!(f, "{what} is {got}, above the limit of {limit}; raise the limit if the file is trusted")
+            }
+            Error::OutOfMemory { bytes } => {
+                write!(f, "no memory for {bytes} bytes; close other programs, or lower the limits to refuse such files")
             }
             Error::ContractNotMet(what) | Error::InvalidArgument(what) => write!(f, "{what}"),
             Error::InFile { path, source } => write!(f, "{}: {source}", path.display()),

@@ -107,12 +107,18 @@ pub struct Limits {
     pub table_values: usize,
     /// Most values of one block, at most [`MAX_BLOCK_VALUES`], and of a table of the profile; rebuilding it takes 40 bytes a value at most.
     pub block_values: usize,
+    /// Most operations that one call on a file may take, about a nanosecond of one processor each, besides 2^12 for each byte of
+    /// the file. A whole table is decoded and verified by `table_values` instead.
+    pub operations: u64,
+    /// Most bytes of memory that one call on a file may take, besides 16 for each byte of the file. A whole table that is decoded
+    /// goes by `table_values` instead.
+    pub bytes: u64,
 }
 
 impl Default for Limits {
-    /// 2^28 values a table, [`MAX_BLOCK_VALUES`] a block.
+    /// 2^28 values a table, [`MAX_BLOCK_VALUES`] a block, 10^9 operations, 2^28 bytes.
     fn default() -> Self {
-        Limits { table_values: 1 << 28, block_values: MAX_BLOCK_VALUES }
+        Limits { table_values: 1 << 28, block_values: MAX_BLOCK_VALUES, operations: 1_000_000_000, bytes: 1 << 28 }
     }
 }
 

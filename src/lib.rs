@@ -64,6 +64,7 @@
 
 mod bits;
 pub mod block;
+mod budget;
 pub mod channel;
 pub mod coords;
 mod correct;
