@@ -47,6 +47,22 @@ impl Budget {
         Err(Error::LimitExceeded { what: "operations of a call on this file", got, limit: self.most_operations })
     }
 
+    /// Half of the operations that are left, for work that may end early: what it took is to be spent of this budget.
+    pub(crate) fn half(&self) -> Budget {
+        let left = self.most_operations.saturating_sub(self.spent());
+        Budget {
+            operations: AtomicU64::new(0),
+            most_operations: left / 2,
+            bytes: AtomicU64::new(self.bytes.load(Ordering::Relaxed)),
+            most_bytes: self.most_bytes,
+        }
+    }
+
+    /// Operations that were spent, not more than there were.
+    pub(crate) fn spent(&self) -> u64 {
+        self.operations.load(Ordering::Relaxed).min(self.most_operations)
+    }
+
     /// Counts memory that is about to be taken, and held until [`Budget::release`].
     ///
     /// # Errors

@@ -16,7 +16,7 @@ use crate::block::{Block, Partition, Place, Target};
 use crate::error::{Error, Result};
 use crate::format::directory::{self, Directory};
 use crate::format::header::{self, Coding};
-use crate::format::index::Index;
+use crate::format::index::{Index, LOST};
 #[cfg(feature = "metadata")]
 use crate::format::metadata::Metadata;
 use crate::format::probabilities::Probabilities;
@@ -231,6 +231,17 @@ impl<D: AsRef<[u8]>> Reader<D> {
         Ok(self.index.record(block))
     }
 
+    /// Numbers of the blocks that damage took: a repaired file holds their means, or less.
+    pub fn lost_blocks(&self) -> impl Iterator<Item = usize> {
+        (0..self.block_count()).filter(|&block| self.is_lost(block))
+    }
+
+    /// Whether damage took a block. The index says so of records of class pruned; that of other classes has other errors, or larger ones.
+    pub fn is_lost(&self, block: usize) -> bool {
+        let is_mean = |record: Record| record.class == ValidityClass::Pruned;
+        block < self.block_count() && self.index.error_codes(block) == LOST && self.record(block).is_ok_and(is_mean)
+    }
+
     /// Bytes of a block's record.
     pub(crate) fn record_length(&self, block: usize) -> usize {
         self.index.record(block).len()
@@ -268,12 +279,17 @@ impl<D: AsRef<[u8]>> Reader<D> {
     fn record_to_decode(&self, block: usize) -> Result<Record<'_>> {
         let record = self.record(block)?;
         if record.class == ValidityClass::Pruned && self.pruned == Pruned::Refuse {
-            return Err(Error::Pruned { block });
+            return Err(self.gone(block));
         }
         Ok(record)
     }
 
-    fn decode_log(&self, block: usize, scratch: &mut Scratch) -> Result<Block> {
+    /// The error of a block of which there is but a mean.
+    pub(crate) fn gone(&self, block: usize) -> Error {
+        if self.index.error_codes(block) == LOST { Error::Lost { block } } else { Error::Pruned { block } }
+    }
+
+    pub(crate) fn decode_log(&self, block: usize, scratch: &mut Scratch) -> Result<Block> {
         self.place(block)?;
         let record = self.record_to_decode(block)?;
         self.rebuild(block, &record, scratch)

@@ -42,6 +42,12 @@ pub enum Error {
         /// Its number.
         block: usize,
     },
+    /// A block that damage took before the file was repaired ([`crate::salvage`]), which the caller did not allow to stand for
+    /// ([`crate::decode::Pruned`]).
+    Lost {
+        /// Its number.
+        block: usize,
+    },
     /// A size is beyond the limits that the caller set ([`crate::format::Limits`]).
     LimitExceeded {
         /// Name of the limited quantity.
@@ -126,6 +132,13 @@ impl fmt::Display for Error {
                     f,
                     "block {block} was pruned from this file; use the file that it was pruned from, or allow the block's \
                      mean in its place (--coarse, Pruned::Coarse)"
+                )
+            }
+            Error::Lost { block } => {
+                write!(
+                    f,
+                    "block {block} was lost to damage before this file was repaired; use an intact copy of the file, or allow what is \
+                     left of the block in its place, its mean at best (--coarse, Pruned::Coarse)"
                 )
             }
             Error::LimitExceeded { what, got, limit } => {

@@ -10,7 +10,7 @@ use crate::encode::fit_probabilities;
 use crate::error::{Error, Result};
 use crate::format::directory::{self, write_file};
 use crate::format::header::{write_coding, write_grid};
-use crate::format::index::{Entry, UNKNOWN_ERROR, encode_error, write_index};
+use crate::format::index::{Entry, PRUNED, UNKNOWN_ERROR, encode_error, write_index};
 use crate::format::probabilities::write_probabilities;
 use crate::format::profile::write_profile;
 use crate::format::record::{Record, ValidityClass};
@@ -171,7 +171,7 @@ impl<D: AsRef<[u8]>> Job<'_, D> {
             let bytes = match record.class {
                 ValidityClass::None | ValidityClass::Pruned => reader.record_bytes(block).to_vec(),
                 _ if !self.keeps(block) => {
-                    errors = [UNKNOWN_ERROR; 2];
+                    errors = PRUNED;
                     Record { class: ValidityClass::Pruned, doublings: 0, coded: &[] }.write(block as u32)
                 }
                 _ if as_is => reader.record_bytes(block).to_vec(),

@@ -74,7 +74,7 @@ impl State {
 }
 
 /// Reads decisions from a record; past its end it reads zeros.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(crate) struct Decoder<'a> {
     states: Vec<State>,
     data: &'a [u8],
@@ -106,6 +106,21 @@ impl<'a> Decoder<'a> {
             self.range <<= 8;
             self.code = self.code << 8 | self.next_byte();
         }
+    }
+
+    /// The same decoder over other bytes, which agree with its own as far as it has read.
+    pub(crate) fn over<'b>(&self, data: &'b [u8]) -> Decoder<'b> {
+        Decoder { states: self.states.clone(), data, at: self.at, range: self.range, code: self.code }
+    }
+
+    /// Bits that the decisions so far took in the stream, and a constant.
+    pub(crate) fn information(&self) -> f64 {
+        8.0 * self.at as f64 - f64::from(self.range).log2()
+    }
+
+    /// Bytes that were read so far, those beyond the end included.
+    pub(crate) fn position(&self) -> usize {
+        self.at
     }
 
     /// Bytes that the decisions read so far cannot account for.

@@ -47,7 +47,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
         let coded = index.coded(self.data.as_ref(), block)?;
         let record = self.record(block)?;
         if record.class == ValidityClass::Pruned {
-            return Err(Error::Pruned { block });
+            return Err(self.gone(block));
         }
         let place = self.rebuild(block, &record, scratch)?;
         let scales: Vec<f64> = self.grid().channels().iter().map(|channel| channel.scale).collect();

@@ -156,7 +156,7 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
             // What was lost and is marked so is no damage any more.
             let bits = exact.as_ref().filter(|exact| record.is_none() && !exact.is_lost(self.data.as_ref(), block));
             let bits = bits.and_then(|index| self.exact_bits(index, block, scratch).err());
-            Ok([record, bits.filter(|e| !matches!(e, Error::Pruned { .. }))])
+            Ok([record, bits.filter(|e| !matches!(e, Error::Pruned { .. } | Error::Lost { .. }))])
         };
         // Some at a time: what is found of a block takes more memory than many a block.
         for first in (0..self.block_count()).step_by(MAX_LISTED) {

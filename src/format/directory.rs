@@ -22,6 +22,9 @@ pub(crate) const METADATA: &str = "META";
 pub(crate) const RECORDS: &str = "RECS";
 pub(crate) const EXACT: &str = "EXCT";
 pub(crate) const SPARE: &str = "SPAR";
+/// All of them, in the order in which writers put them.
+pub(crate) const KNOWN: [&str; 10] =
+    [GRID, CODING, PARTITION, PROBABILITIES, PROFILE, INDEX, METADATA, RECORDS, EXACT, SPARE];
 
 /// Name used in errors for the bytes before the first section.
 const DIRECTORY: &str = "section table";
@@ -140,10 +143,9 @@ impl Directory {
 
     /// Every known section at most once; unknown ones only if they may be skipped.
     fn check_names(&self) -> Result<()> {
-        let known = [GRID, CODING, PARTITION, PROBABILITIES, PROFILE, INDEX, METADATA, RECORDS, EXACT, SPARE];
         for (i, section) in self.sections.iter().enumerate() {
             let at = (PREAMBLE + i * ENTRY) as u64;
-            if !known.iter().any(|name| name.as_bytes() == section.id) {
+            if !KNOWN.iter().any(|name| name.as_bytes() == section.id) {
                 if !section.skippable {
                     let what = format!("section {} is unknown and may not be skipped", section.name());
                     return Err(Error::corrupt(DIRECTORY, at, what));

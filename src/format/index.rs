@@ -49,6 +49,7 @@ const MEANS: usize = 9;
 const CONTEXTS: usize = (LENGTHS + ERRORS + MEANS) * NUMBER;
 
 /// Codes the entries of the blocks in order, each with the ones before in view (spec section 3.6).
+#[derive(Clone)]
 struct Chain {
     components: usize,
     previous: Entry,
@@ -93,9 +94,20 @@ impl Chain {
 
     /// Codes the entry of the next block, of so many positions; a decoder overwrites what it is given.
     fn code<C: Coder>(&mut self, coder: &mut C, positions: usize, entry: &mut Entry) {
-        // Length of the record.
+        entry.length = self.code_length(coder, entry.length);
+        self.code_rest(coder, positions, entry);
+    }
+
+    /// Codes the length of the next record.
+    #[inline(always)]
+    fn code_length<C: Coder>(&self, coder: &mut C, length: u32) -> u32 {
         let set = (bit_length(self.previous.length).saturating_sub(3) / 2).min(LENGTHS as u32 - 1) as usize;
-        entry.length = code_number(coder, set * NUMBER, entry.length);
+        code_number(coder, set * NUMBER, length)
+    }
+
+    /// Codes the rest of an entry whose length is known.
+    #[inline(always)]
+    fn code_rest<C: Coder>(&mut self, coder: &mut C, positions: usize, entry: &mut Entry) {
         // Code of the rms error: the change. Code of the largest error: the change of how far it is above.
         let [rms, max] = self.previous.errors;
         let change = i32::from(entry.errors[0].wrapping_sub(rms) as i8);
@@ -258,7 +270,6 @@ impl Index {
     }
 
     /// The codes of these.
-    #[cfg(feature = "encode")]
     pub(crate) fn error_codes(&self, block: usize) -> [u8; 2] {
         [self.rms[block], self.max[block]]
     }
@@ -269,31 +280,65 @@ impl Index {
     }
 }
 
-/// Calls `each` with the entries of a section from draft 3 on, which may be damaged, as long as it returns true and no mean is out of
-/// range. Gives the coded bytes that are left over; `None` if it ended before the last block.
-pub(crate) fn read_entries(
-    mut r: ByteReader,
-    partition: &Partition,
-    components: usize,
-    mut each: impl FnMut(&Entry) -> bool,
-) -> Option<usize> {
-    // Number of blocks: that of the partition, whatever is there.
-    r.u32().ok()?;
-    let mut decoder = Decoder::new(&[1 << 15; CONTEXTS], r.rest());
-    let mut chain = Chain::new(components);
-    let mut entry = chain.previous.clone();
-    for positions in partition.sizes() {
-        chain.code(&mut decoder, positions, &mut entry);
-        let sound = entry.means.iter().all(|m| m.unsigned_abs() <= MAX_MAGNITUDE);
-        if !sound || !each(&entry) {
-            return None;
-        }
+/// Reads the entries of a section from draft 3 on, one after the other, whatever its bytes are.
+pub(crate) struct EntryReader<'a> {
+    decoder: Decoder<'a>,
+    chain: Chain,
+    entry: Entry,
+    /// Bits that the length of the last entry took in the stream.
+    length_bits: u32,
+}
+
+/// Bytes of a section from draft 3 on before the coded ones: the number of blocks.
+pub(crate) const COUNT: usize = 4;
+
+impl<'a> EntryReader<'a> {
+    /// Before the first entry; `None` if the section ends before its coded bytes.
+    pub(crate) fn new(section: &'a [u8], components: usize) -> Option<EntryReader<'a>> {
+        let decoder = Decoder::new(&[1 << 15; CONTEXTS], section.get(COUNT..)?);
+        let chain = Chain::new(components);
+        Some(EntryReader { decoder, entry: chain.previous.clone(), chain, length_bits: 0 })
     }
-    Some(decoder.unread())
+
+    /// The same reader over a section that agrees with its own as far as it has read.
+    pub(crate) fn over<'b>(&self, section: &'b [u8]) -> EntryReader<'b> {
+        let decoder = self.decoder.over(section.get(COUNT..).unwrap_or_default());
+        EntryReader { decoder, chain: self.chain.clone(), entry: self.entry.clone(), length_bits: self.length_bits }
+    }
+
+    /// The entry of the next block, which has this number of positions; `None` if a mean is out of range.
+    pub(crate) fn next(&mut self, positions: usize) -> Option<&Entry> {
+        let before = self.decoder.information();
+        self.entry.length = self.chain.code_length(&mut self.decoder, 0);
+        self.length_bits = (self.decoder.information() - before) as u32;
+        self.chain.code_rest(&mut self.decoder, positions, &mut self.entry);
+        let sound = self.entry.means.iter().all(|m| m.unsigned_abs() <= MAX_MAGNITUDE);
+        sound.then_some(&self.entry)
+    }
+
+    /// Bits that the length of the last entry took, rounded down: a stream that is arbitrary has it with a probability of 2^-bits.
+    pub(crate) fn length_bits(&self) -> u32 {
+        self.length_bits
+    }
+
+    /// Bytes of the section that were read so far: those of the next entry, some of them, among them.
+    pub(crate) fn position(&self) -> usize {
+        COUNT + self.decoder.position()
+    }
+
+    /// Bytes of the section that are left over.
+    pub(crate) fn unread(&self) -> usize {
+        self.decoder.unread()
+    }
 }
 
 /// Code of an error that is not known, or too large for the others.
 pub(crate) const UNKNOWN_ERROR: u8 = 255;
+/// Codes of both errors of a block that was pruned.
+#[cfg(feature = "encode")]
+pub(crate) const PRUNED: [u8; 2] = [UNKNOWN_ERROR; 2];
+/// Codes of both errors of a block whose record is a pruned one because damage took its own.
+pub(crate) const LOST: [u8; 2] = [UNKNOWN_ERROR - 1, UNKNOWN_ERROR];
 
 /// `2^(i / 8)` rounded to single precision.
 const EIGHTHS: [f32; 8] =

@@ -74,7 +74,7 @@ impl Marginal {
             values.resize(reader.block_values(block)?, 0.0);
             match reader.block_with(block, &mut scratch, &mut values) {
                 // Left out because nobody looks there: as if its bins were not on the grid.
-                Err(Error::Pruned { .. }) => continue,
+                Err(Error::Pruned { .. } | Error::Lost { .. }) => continue,
                 result => result?,
             }
             if let Some(place) = reader.partition().block(block) {

@@ -1,118 +1,242 @@
-//! An index that is damaged: what of its entries the records prove.
+//! A damaged index: what of its entries the records prove.
 //!
-//! A record's checksum proves where it begins and ends. The index is one stream of a range coder, in which damage spoils all that
-//! follows, first the length of the next record.
+//! A record's checksum proves where it begins and ends. The index is one stream of a range coder: what is decoded behind damage is
+//! arbitrary, first of all the length of the next record. So lengths that fit the records prove the stream before them, means included,
+//! by as many bits as they take in the stream: where that is wrong, each of the decisions that make up a length falls by lot, with the
+//! probability that its context states. (Damage that only turns a raw bit over and changes nothing behind it has to hit the one number
+//! of 2^32 that the range is at that place.)
 
-use super::mend::patches;
-use crate::bits::ByteReader;
+use super::MIN_RECORD;
+use super::evidence::bits_to_choose;
+use super::mend::{Patch, patches};
 use crate::block::Partition;
-use crate::format::index::{Entry, read_entries};
+use crate::budget::{Budget, with_room};
+use crate::error::Result;
+use crate::format::index::{COUNT, Entry, EntryReader};
 use crate::format::record::checksum;
 
-/// Raw bits that the lengths after an entry must be worth for it to be trusted.
-const PROOF: u32 = 32;
 /// Records in a row that do not match, where the index is taken to be wrong.
-const PATIENCE: usize = 4;
-/// Most entries that are decoded to find a change of four bytes.
-const MAX_TRIES: usize = 1 << 22;
+const PATIENCE: usize = 3;
+/// Bytes that the range coder reads ahead: as far behind a change it has led to other decisions, or it changes nothing.
+const AHEAD: usize = 4;
+/// Bits for the kinds of changes: one bit, and one to four bytes.
+const KINDS: u32 = 2;
+/// Bits of evidence that one change must have more than any other.
+const CLEARLY: u32 = 8;
+/// Operations that an entry takes, and each of its means.
+const ENTRY: u64 = 400;
+const MEAN: u64 = 40;
 
 /// What the entries are measured against.
 pub(super) struct Records<'a> {
-    pub(super) partition: &'a Partition,
     pub(super) components: usize,
     /// Bytes of RECS that are there.
     pub(super) bytes: &'a [u8],
     /// Bytes that it had.
     pub(super) length: usize,
+    /// Positions of each block.
+    sizes: Vec<u32>,
 }
 
-/// Entries as an index tells them.
-struct Told {
-    entries: Vec<Entry>,
-    /// Whether the record that each says is there is that of its block.
-    matches: Vec<bool>,
-    /// Whether nothing contradicts them.
-    complete: bool,
+/// What is certain of a damaged section.
+pub(super) struct Certain {
+    /// From the first block on.
+    pub(super) entries: Vec<Entry>,
+    /// The change that gave all of them, and the evidence for it.
+    pub(super) change: Option<(Patch, u32)>,
+    /// Whether there was no work left to look for a change everywhere.
+    pub(super) cut_short: bool,
 }
 
-impl Records<'_> {
-    /// Whether the bytes are a block's record.
-    fn matches(&self, block: usize, start: usize, length: usize) -> bool {
-        let Some((body, crc)) = self.bytes.get(start..start + length).and_then(|record| record.split_last_chunk::<4>())
-        else {
-            return false;
-        };
-        !body.is_empty() && checksum(block as u32, body) == u32::from_le_bytes(*crc)
+/// A place between two entries.
+struct Place<'a> {
+    reader: EntryReader<'a>,
+    block: usize,
+    /// Where the next record begins.
+    end: usize,
+}
+
+/// One entry, held against the records.
+enum Read {
+    /// The record that it says is there is that of its block, which proves as many bits as this.
+    Matches(u32),
+    /// It is another.
+    Differs,
+    /// The file ends before it.
+    Beyond,
+}
+
+impl<'a> Records<'a> {
+    pub(super) fn new(partition: &Partition, components: usize, bytes: &'a [u8], length: usize) -> Result<Records<'a>> {
+        let mut sizes = with_room(partition.block_count())?;
+        // A block has at most 2^21 positions.
+        sizes.extend(partition.sizes().map(|n| n as u32));
+        Ok(Records { components, bytes, length, sizes })
     }
 
-    fn read(&self, section: &[u8], patience: usize) -> Told {
-        let (mut entries, mut matches): (Vec<Entry>, Vec<bool>) = (Vec::new(), Vec::new());
-        let (mut end, mut wrong) = (0usize, 0);
-        let unread = read_entries(ByteReader::new(section, 0, "INDX"), self.partition, self.components, |entry| {
-            let start = end;
-            end = end.saturating_add(entry.length as usize);
-            if end > self.length {
-                return false;
-            }
-            let found = self.matches(entries.len(), start, entry.length as usize);
-            wrong = if found { 0 } else { wrong + 1 };
-            entries.push(entry.clone());
-            matches.push(found);
-            wrong < patience
-        });
-        let complete = unread == Some(0) && entries.len() == self.partition.block_count() && end == self.length;
-        Told { entries, matches, complete }
-    }
-
-    /// The entries of a damaged section that are certain, from the first on.
-    pub(super) fn trusted(&self, section: &[u8], difference: u32) -> Vec<Entry> {
-        let mended = self.mended(section, difference);
-        let proven = self.read(section, usize::MAX).proven();
-        if mended.len() > proven.len() { mended } else { proven }
-    }
-
-    /// The entries if four neighbouring bytes at most are wrong: for each place the checksum tells what they were, and the records
-    /// tell which place it is. What several changes agree on, if the records do not decide.
-    fn mended(&self, section: &[u8], difference: u32) -> Vec<Entry> {
-        let blocks = self.partition.block_count();
-        if section.len().saturating_mul(blocks) > MAX_TRIES {
-            return Vec::new();
+    /// Holds an entry's length against the bytes that it says are the block's record.
+    fn compare(&self, block: usize, record: std::ops::Range<usize>, bits: u32) -> Read {
+        let Some(bytes) = self.bytes.get(record) else { return Read::Beyond };
+        let Some((body, crc)) = bytes.split_last_chunk::<4>() else { return Read::Differs };
+        match !body.is_empty() && checksum(block as u32, body) == u32::from_le_bytes(*crc) {
+            true => Read::Matches(bits),
+            false => Read::Differs,
         }
-        let mut common: Option<Vec<Entry>> = None;
+    }
+
+    /// The next entry; `None` if it contradicts the format or the file.
+    fn step(&self, place: &mut Place, budget: &Budget) -> Result<Option<Read>> {
+        budget.spend(ENTRY + MEAN * self.components as u64)?;
+        let Some(entry) = place.reader.next(self.sizes[place.block] as usize) else { return Ok(None) };
+        let record = place.end..place.end.saturating_add(entry.length as usize);
+        // No record is shorter than class and checksum.
+        if record.end > self.length || record.len() < MIN_RECORD {
+            return Ok(None);
+        }
+        budget.spend(record.len() as u64 / 4)?;
+        let (block, end) = (place.block, record.end);
+        (place.block, place.end) = (block + 1, end);
+        Ok(Some(self.compare(block, record, place.reader.length_bits())))
+    }
+
+    fn start<'b>(&self, section: &'b [u8]) -> Option<Place<'b>> {
+        Some(Place { reader: EntryReader::new(section, self.components)?, block: 0, end: 0 })
+    }
+
+    /// What is certain of a section whose checksum is off by `difference`.
+    ///
+    /// # Errors
+    /// `LimitExceeded` if not even what is there can be read within the budget.
+    pub(super) fn certain(&self, section: &[u8], difference: u32, wanted: u32, budget: &Budget) -> Result<Certain> {
+        let before = self.unchanged(section, wanted, budget)?;
+        // Of the work that is left, half may go into the search.
+        let search = budget.half();
+        let (change, cut_short) = match self.change(section, difference, wanted, &search) {
+            Ok(change) => (change, false),
+            // What is certain without a change stays so.
+            Err(_) => (None, true),
+        };
+        budget.spend(search.spent())?;
+        let Some((patch, evidence)) = change else {
+            return Ok(Certain { entries: before, change: None, cut_short });
+        };
         let mut bytes = section.to_vec();
-        for patch in patches(section.len(), difference) {
-            patch.apply(&mut bytes);
-            let told = self.read(&bytes, PATIENCE);
-            patch.apply(&mut bytes);
-            let last = told.matches.iter().rposition(|m| *m);
-            let matching = told.matches.iter().filter(|m| **m).count();
-            if !told.complete || 2 * matching < blocks || last.is_none_or(|last| last + 1 + PATIENCE < blocks) {
+        patch.apply(&mut bytes);
+        let entries = self.entries(&bytes, self.sizes.len(), budget)?;
+        Ok(Certain { entries, change: Some((patch, evidence)), cut_short })
+    }
+
+    /// The first entries of a section, as they are.
+    fn entries(&self, section: &[u8], count: usize, budget: &Budget) -> Result<Vec<Entry>> {
+        let Some(mut place) = self.start(section) else { return Ok(Vec::new()) };
+        budget.spend(count as u64 * (ENTRY + MEAN * self.components as u64))?;
+        let mut entries = with_room(count)?;
+        entries.extend(self.sizes[..count].iter().map_while(|&size| place.reader.next(size as usize).cloned()));
+        Ok(entries)
+    }
+
+    /// The entries that lengths behind them prove, without any change.
+    fn unchanged(&self, section: &[u8], wanted: u32, budget: &Budget) -> Result<Vec<Entry>> {
+        let Some(mut place) = self.start(section) else { return Ok(Vec::new()) };
+        // Bits that matching lengths prove, up to each block.
+        let mut up_to = with_room(self.sizes.len())?;
+        let mut sum = 0u64;
+        while place.block < self.sizes.len() {
+            let Some(read) = self.step(&mut place, budget)? else { break };
+            sum += u64::from(read.bits());
+            up_to.push(sum);
+        }
+        // An entry is certain if those after it prove enough.
+        let certain = up_to.partition_point(|&bits| sum - bits >= u64::from(wanted));
+        self.entries(section, certain, budget)
+    }
+
+    /// The one change of four neighbouring bytes at most that the records prove, and the evidence for it.
+    ///
+    /// # Errors
+    /// `LimitExceeded` if there is no work left to look everywhere.
+    fn change(&self, section: &[u8], difference: u32, wanted: u32, budget: &Budget) -> Result<Option<(Patch, u32)>> {
+        let Some(mut base) = self.start(section) else { return Ok(None) };
+        let mut next = self.after(&base, section, budget)?;
+        let mut changes: Vec<Patch> = with_room(section.len())?;
+        changes.extend(patches(section.len(), difference));
+        let mut bytes = section.to_vec();
+        let (mut best, mut second) = (None, 0);
+        for &patch in changes.iter().rev() {
+            // Where fewer than four bytes change, several places have the same change.
+            if patch.change[0] == 0 && patch.at + 4 < section.len() {
                 continue;
             }
-            common = Some(match common {
-                None => told.entries,
-                Some(mut before) => {
-                    let same = before.iter().zip(&told.entries).take_while(|(a, b)| a == b).count();
-                    before.truncate(same);
-                    before
+            // Up to the last entry that does not look at what changes, everything stays as it is.
+            while let Some(place) = next.take_if(|next| next.reader.position() <= patch.at) {
+                base = place;
+                next = self.after(&base, section, budget)?;
+            }
+            patch.apply(&mut bytes);
+            let proven = self.behind(&base, &bytes, patch, budget)?;
+            patch.apply(&mut bytes);
+            let Some(proven) = proven else { continue };
+            let choice = patch.cost() + bits_to_choose(section.len() as u64) + KINDS;
+            let evidence = (32 + proven).saturating_sub(choice);
+            match best {
+                Some((_, most)) if evidence <= most => second = second.max(evidence),
+                _ => {
+                    second = best.map_or(0, |(_, most)| most);
+                    best = Some((patch, evidence));
                 }
-            });
+            }
         }
-        common.unwrap_or_default()
+        // Of two that explain the sum neither is certain, unless one has much more in its favour.
+        Ok(best.filter(|&(_, most)| most >= wanted && second + CLEARLY <= most))
+    }
+
+    /// The place one entry on, if there is one.
+    fn after<'b>(&self, place: &Place, section: &'b [u8], budget: &Budget) -> Result<Option<Place<'b>>> {
+        if place.block >= self.sizes.len() {
+            return Ok(None);
+        }
+        let mut next = Place { reader: place.reader.over(section), ..*place };
+        Ok(self.step(&mut next, budget)?.map(|_| next))
+    }
+
+    /// Bits that the lengths behind a change prove; `None` if something contradicts it.
+    fn behind(&self, base: &Place, changed: &[u8], patch: Patch, budget: &Budget) -> Result<Option<u32>> {
+        // The number of blocks, if it is that which changes.
+        let count = u32::from_le_bytes(changed.first_chunk().copied().unwrap_or_default());
+        if count as usize != self.sizes.len() {
+            return Ok(None);
+        }
+        let mut place = match patch.at < COUNT + AHEAD {
+            true => match self.start(changed) {
+                Some(start) => start,
+                None => return Ok(None),
+            },
+            false => Place { reader: base.reader.over(changed), ..*base },
+        };
+        let mut bits = if patch.at + 4 <= COUNT { 32 } else { 0u32 };
+        let mut wrong = 0;
+        while place.block < self.sizes.len() {
+            let from = place.reader.position();
+            let Some(read) = self.step(&mut place, budget)? else { return Ok(None) };
+            match read {
+                Read::Matches(_) => wrong = 0,
+                Read::Differs => wrong += 1,
+                Read::Beyond => {}
+            }
+            if wrong >= PATIENCE {
+                return Ok(None);
+            }
+            if from >= patch.at + 4 + AHEAD {
+                bits = bits.saturating_add(read.bits());
+            }
+        }
+        Ok((place.reader.unread() == 0 && place.end == self.length).then_some(bits))
     }
 }
 
-impl Told {
-    /// The entries before lengths that are too unlikely to be right after damage.
-    fn proven(mut self) -> Vec<Entry> {
-        let raw_bits = |entry: &Entry| (u32::BITS - entry.length.leading_zeros()).saturating_sub(2);
-        let mut last = self.matches.iter().rposition(|m| *m).map_or(0, |last| last + 1);
-        let mut bits = 0;
-        while last > 0 && bits < PROOF {
-            last -= 1;
-            bits += raw_bits(&self.entries[last]);
-        }
-        self.entries.truncate(last);
-        self.entries
+impl Read {
+    /// Bits that the length proves.
+    fn bits(&self) -> u32 {
+        if let Read::Matches(bits) = self { *bits } else { 0 }
     }
 }

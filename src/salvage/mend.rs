@@ -21,6 +21,21 @@ impl Patch {
         u32::from_le_bytes(self.change).is_power_of_two()
     }
 
+    /// Bits that it takes to write the change down: which of eight for one bit, otherwise the bytes from the first to the last that change.
+    pub(super) fn cost(self) -> u32 {
+        let last = self.change.iter().rposition(|&c| c != 0).unwrap_or(0);
+        if self.is_one_bit() { 3 } else { 8 * (last - (self.place() - self.at) + 1) as u32 }
+    }
+
+    /// What was done, for people.
+    pub(super) fn describe(self) -> String {
+        match self.cost() {
+            3 => "one bit was flipped".into(),
+            8 => "one byte was mended".into(),
+            bits => format!("{} bytes were mended", bits / 8),
+        }
+    }
+
     /// Place of the first byte that changes.
     pub(super) fn place(self) -> usize {
         self.at + self.change.iter().position(|&c| c != 0).unwrap_or(0)

@@ -2,7 +2,8 @@
 
 use serde_json::json;
 
-use super::{Damage, Outcome, Salvaged, salvage_with_limits};
+use super::head::TABLE;
+use super::{Options, Outcome, Salvaged, salvage_with};
 use crate::decode::Reader;
 use crate::error::{Error, Result};
 use crate::format::directory::{self, write_file, write_file_with_spare};
@@ -18,25 +19,45 @@ pub struct Repaired {
     pub salvaged: Salvaged,
 }
 
-/// Writes a valid file with all that is left of a damaged one ([`super::salvage`]).
+/// Writes a valid file with all that is left of a damaged one ([`super::salvage`]), and opens and verifies it before it is given out.
 ///
-/// Records that are intact stay byte for byte. Blocks that are lost become pruned ones, with their mean from the index; where that is
-/// lost as well, they have that of the block before. `encoder` in the metadata tells so under `repaired` and no longer states a contract
-/// or errors. Metadata that are damaged are left out. A spare copy is written anew.
+/// Records that are intact stay byte for byte. Blocks that are lost become pruned ones that are marked as lost, with their mean from the
+/// index; where that is lost as well, they have that of the block before. `encoder` in the metadata says so under `repaired` and no longer
+/// states a contract or errors. Metadata that are damaged are left out. A spare copy is written anew.
 ///
 /// # Errors
-/// As [`super::salvage`]; `InvalidArgument` if blocks are lost of a file of a draft before 4, whose probabilities cannot be kept.
+/// As [`super::salvage`]; `InvalidArgument` if blocks are lost of a file of a draft before 4, whose probabilities cannot be kept; `Corrupt` if
+/// what was left does not decode although its checksums are right.
 pub fn repair(data: &[u8], limits: Limits) -> Result<Repaired> {
-    let salvaged = salvage_with_limits(data, limits)?;
-    let (reader, was) = (salvaged.reader(), &salvaged.was);
-    // A file that is too long or has lost but its end marker is whole.
-    let whole = salvaged.damage().iter().all(|d| d.outcome == Outcome::Restored || d.section == "file");
+    repair_with(data, &Options::default().limits(limits))
+}
+
+/// As [`repair`], with the caller's limits and evidence.
+///
+/// # Errors
+/// As [`repair`].
+pub fn repair_with(data: &[u8], options: &Options) -> Result<Repaired> {
+    let salvaged = salvage_with(data, options)?;
+    let was = &salvaged.was;
     if !salvaged.lost().is_empty() && !is_dependent(was.version().2) {
         let what = "files of drafts before 4 cannot hold lost blocks; use decode --salvage and encode the table again";
         return Err(Error::InvalidArgument(what.into()));
     }
+    let sections = sections(data, &salvaged)?;
+    let (major, minor, draft) = was.version();
+    // Lost blocks are pruned ones, which the final version has.
+    let version = (major, minor, if salvaged.lost().is_empty() { draft } else { FINAL });
+    let spare = was.sections().iter().any(|s| s.id == directory::SPARE.as_bytes());
+    let bytes = if spare { write_file_with_spare(version, &sections) } else { write_file(version, &sections) };
+    check(&bytes, &salvaged, options)?;
+    Ok(Repaired { bytes, salvaged })
+}
+
+/// The sections of the repaired file: those that are left, in their order.
+fn sections(data: &[u8], salvaged: &Salvaged) -> Result<Vec<(Vec<u8>, bool, Vec<u8>)>> {
+    let (reader, whole) = (salvaged.reader(), salvaged.is_whole());
     let mut sections: Vec<(Vec<u8>, bool, Vec<u8>)> = Vec::new();
-    for section in was.sections() {
+    for section in salvaged.was.sections() {
         let name = section.name();
         let bytes = match &name[..] {
             directory::SPARE => None,
@@ -53,17 +74,26 @@ pub fn repair(data: &[u8], limits: Limits) -> Result<Repaired> {
             },
         };
         if name == directory::RECORDS && !whole {
-            sections.push((directory::METADATA.into(), true, metadata(&salvaged)?));
+            sections.push((directory::METADATA.into(), true, metadata(salvaged)?));
         }
         // Not the name for people, which is longer where it is no text.
         sections.extend(bytes.map(|bytes| (section.id.to_vec(), section.skippable, bytes)));
     }
-    let (major, minor, draft) = was.version();
-    // Lost blocks are pruned ones, which the final version has.
-    let version = (major, minor, if salvaged.lost().is_empty() { draft } else { FINAL });
-    let spare = was.sections().iter().any(|s| s.id == directory::SPARE.as_bytes());
-    let bytes = if spare { write_file_with_spare(version, &sections) } else { write_file(version, &sections) };
-    Ok(Repaired { bytes, salvaged })
+    Ok(sections)
+}
+
+/// Fails unless the file can be read, and has the section table that it had if nothing is lost: all its checksums, then.
+fn check(bytes: &[u8], salvaged: &Salvaged, options: &Options) -> Result<()> {
+    let reader = Reader::open_with_limits(bytes, options.limits)?;
+    let is_same = || reader.directory() == &salvaged.was;
+    if salvaged.is_whole() && !is_same() {
+        return Err(Error::corrupt(
+            TABLE,
+            0,
+            "what was restored is not what the section table says; fetch the file again",
+        ));
+    }
+    reader.verify().into_iter().next().map_or(Ok(()), Err)
 }
 
 /// Sections that are taken over as they are.
@@ -100,14 +130,23 @@ fn metadata(salvaged: &Salvaged) -> Result<Vec<u8>> {
         if !salvaged.reader().is_lossless() {
             encoder.remove("lossless");
         }
-        let exact = |damage: &&Damage| damage.section == directory::EXACT && damage.block.is_some();
-        let exact = salvaged.damage().iter().filter(exact).count();
         let known = salvaged.lost().iter().filter(|&&block| salvaged.has_mean(block)).count();
-        let (blocks, lost) = (salvaged.reader().block_count(), salvaged.lost().len());
-        encoder.insert(
-            "repaired".into(),
-            json!({ "blocks": blocks, "lost": lost, "means_lost": lost - known, "exact_lost": exact }),
-        );
+        let reader = salvaged.reader();
+        let mut repaired = json!({
+            "blocks": reader.block_count(),
+            "lost": reader.lost_blocks().count(),
+            "means_lost": salvaged.lost().len() - known,
+            "exact_lost": salvaged.lost_exact(),
+        });
+        let assumed = salvaged.damage().iter().filter_map(|damage| match damage.outcome {
+            Outcome::Assumed { bits } => Some(json!({ "section": damage.section, "evidence_bits": bits })),
+            _ => None,
+        });
+        let assumed: Vec<_> = assumed.collect();
+        if !assumed.is_empty() {
+            repaired["assumed"] = assumed.into();
+        }
+        encoder.insert("repaired".into(), repaired);
     }
     metadata.encoder = Some(encoder);
     metadata.write()

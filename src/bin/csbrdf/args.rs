@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use csbrdf::salvage::WANTED;
 
 const EXIT_CODES: &str = "\
 Exit codes:
@@ -246,9 +247,12 @@ pub struct DecodeArgs {
     /// The very bytes of the MERL .binary table that the file was made from, if it was encoded with --lossless
     #[arg(long, conflicts_with_all = ["fill", "block"])]
     pub exact: bool,
-    /// Write all that is intact of a damaged file, -1 for the rest, and list what is damaged. Exits with 3 if anything is
+    /// Write all that is intact of a damaged file, -1 for the rest, and list what is damaged. Exits with 3 if anything is lost
     #[arg(long, conflicts_with_all = ["fill", "block", "coarse"])]
     pub salvage: bool,
+    /// With --salvage: accept changes that checksums prove to this many bits; a wrong one gets by with a probability of 2^-BITS
+    #[arg(long, value_name = "BITS", default_value_t = WANTED, value_parser = evidence(), requires = "salvage")]
+    pub evidence: u32,
     /// Replace the file if it exists
     #[arg(long, short)]
     pub force: bool,
@@ -417,6 +421,11 @@ pub struct PruneArgs {
     pub force: bool,
 }
 
+/// Bits of evidence.
+fn evidence() -> clap::builder::RangedI64ValueParser<u32> {
+    clap::value_parser!(u32).range(1..=i64::from(WANTED))
+}
+
 /// Arguments of `repair`.
 ///
 /// Where nothing is lost the file is again what it was, byte for byte. Blocks that are lost become pruned ones: their means are left,
@@ -429,6 +438,9 @@ pub struct RepairArgs {
     /// Output file, - for standard output; if not given, the input's name with .repaired.csbrdf, beside it
     #[arg(short, long, value_name = "OUT")]
     pub output: Option<PathBuf>,
+    /// Accept changes that checksums prove to this many bits; a wrong one gets by with a probability of 2^-BITS. Exits with 3 then
+    #[arg(long, value_name = "BITS", default_value_t = WANTED, value_parser = evidence())]
+    pub evidence: u32,
     /// Replace the file if it exists
     #[arg(long, short)]
     pub force: bool,

@@ -1,13 +1,12 @@
 //! `csbrdf repair`: a valid file from a damaged one.
 
-use csbrdf::format::Limits;
-use csbrdf::salvage::{Outcome as Cost, repair};
+use csbrdf::salvage::{Options, repair_with};
 
 use crate::args::RepairArgs;
 use crate::failure::{Failure, Outcome, note};
 use crate::input::{self, is_dash, label};
 use crate::output::Target;
-use crate::salvage::list;
+use crate::salvage::{list, verdict};
 use crate::text::grouped;
 
 pub fn run(args: &RepairArgs, quiet: bool) -> Outcome {
@@ -18,16 +17,12 @@ pub fn run(args: &RepairArgs, quiet: bool) -> Outcome {
     let target = Target::of(&output);
     target.check(args.force)?;
     let bytes = input::read(&args.input)?;
-    let repaired = repair(bytes.as_ref(), Limits::default()).map_err(|e| Failure::in_file(&args.input, &e))?;
+    let options = Options::default().evidence(args.evidence);
+    let repaired = repair_with(bytes.as_ref(), &options).map_err(|e| Failure::in_file(&args.input, &e))?;
     target.write(args.force, |out| Ok(out.write_all(&repaired.bytes)?))?;
     list(&args.input, &repaired.salvaged, quiet);
     if !quiet {
         note(&format!("{} -> {target}: {} bytes", label(&args.input), grouped(repaired.bytes.len())));
     }
-    match repaired.salvaged.damage().iter().any(|damage| damage.outcome == Cost::Lost) {
-        true => {
-            Err(Failure::bad_input(&args.input, format!("not all could be restored; {target} has what is left of it")))
-        }
-        false => Ok(()),
-    }
+    verdict(&args.input, &repaired.salvaged, &target)
 }

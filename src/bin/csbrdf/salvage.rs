@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use csbrdf::salvage::{Damage, Outcome as Cost, Salvaged, salvage};
+use csbrdf::salvage::{Damage, Options, Outcome as Cost, Salvaged, WANTED, salvage_with};
 use csbrdf::table::merl::write_merl_values;
 
 use crate::args::{DecodeArgs, FormatArg};
@@ -16,21 +16,25 @@ use crate::text::grouped;
 pub fn decode(args: &DecodeArgs, format: FormatArg, target: &Target, quiet: bool) -> Outcome {
     let failed = |e: csbrdf::Error| Failure::in_file(&args.input, &e);
     let bytes = input::read(&args.input)?;
-    let salvaged = salvage(bytes.as_ref()).map_err(failed)?;
+    let salvaged = salvage_with(bytes.as_ref(), &Options::default().evidence(args.evidence)).map_err(failed)?;
     if args.exact {
-        let (values, gone) = salvaged.exact_table(f64::from(MISSING)).map_err(failed)?;
+        let (values, _) = salvaged.exact_table(f64::from(MISSING)).map_err(failed)?;
         target.write(args.force, |out| write_merl_values(salvaged.reader().grid(), &values, out))?;
-        if gone > 0 && !quiet {
-            note(&format!("{}: exact values of {} blocks are lost", label(&args.input), grouped(gone)));
-        }
     } else {
         write_whole(salvaged.reader(), args, format, target)?;
     }
     list(&args.input, &salvaged, quiet);
-    if salvaged.damage().is_empty() {
+    verdict(&args.input, &salvaged, target)
+}
+
+/// What decoding and repairing a damaged file end with: a failure if anything is lost or assumed.
+pub fn verdict(input: &Path, salvaged: &Salvaged, target: &Target) -> Outcome {
+    if salvaged.is_whole() {
         return Ok(());
     }
-    Err(Failure::bad_input(&args.input, format!("damaged; {target} has what is left of it")))
+    let lost = salvaged.damage().iter().any(|damage| damage.outcome == Cost::Lost);
+    let what = if lost { "not all could be restored" } else { "what was restored is assumed, not proven" };
+    Err(Failure::bad_input(input, format!("{what}; {target} has what is left of it")))
 }
 
 /// What is damaged, a line each, and a summary.
@@ -40,11 +44,16 @@ pub fn list(file: &Path, salvaged: &Salvaged, quiet: bool) {
         note(&format!("{name}: {}", line(salvaged, damage)));
     }
     if !quiet {
-        let (lost, blocks) = (salvaged.lost().len(), salvaged.reader().block_count());
-        let grid = salvaged.reader().grid();
+        let (reader, lost) = (salvaged.reader(), salvaged.lost().len());
+        let (grid, blocks) = (reader.grid(), reader.block_count());
         let entries = grid.positions() * grid.channels().len();
+        let exact = match (reader.is_lossless(), salvaged.lost_exact()) {
+            (_, n) if n > 0 => format!("; exact values of {} blocks lost", grouped(n)),
+            (true, _) => "; all exact values intact".into(),
+            (false, _) => String::new(),
+        };
         note(&format!(
-            "{name}: {} blocks of {} intact, {} lost with {} entries of {}",
+            "{name}: {} blocks of {} intact, {} lost with {} entries of {}{exact}",
             grouped(blocks - lost),
             grouped(blocks),
             grouped(lost),
@@ -55,18 +64,30 @@ pub fn list(file: &Path, salvaged: &Salvaged, quiet: bool) {
 }
 
 fn line(salvaged: &Salvaged, damage: &Damage) -> String {
-    let Damage { section, block, bytes, what, outcome } = damage;
+    let Damage { section, blocks, bytes, what, outcome } = damage;
     let mut text = String::new();
-    if let Some((block, place)) = block.and_then(|block| salvaged.place(block).map(|place| (block, place))) {
-        let axes = salvaged.reader().grid().axes().len();
-        let list = |of: &[usize; 4]| of[4 - axes..].iter().map(usize::to_string).collect::<Vec<_>>().join(",");
-        let _ = write!(text, "block {block} (from {}, shape {}), ", list(&place.origin), list(&place.shape));
+    match blocks {
+        Some(blocks) if blocks.len() > 1 => {
+            let _ = write!(text, "blocks {} to {}, ", blocks.start, blocks.end - 1);
+        }
+        Some(blocks) => {
+            let axes = salvaged.reader().grid().axes().len();
+            let list = |of: &[usize; 4]| of[4 - axes..].iter().map(usize::to_string).collect::<Vec<_>>().join(",");
+            if let Some(place) = salvaged.place(blocks.start) {
+                let (from, shape) = (list(&place.origin), list(&place.shape));
+                let _ = write!(text, "block {} (from {from}, shape {shape}), ", blocks.start);
+            }
+        }
+        None => {}
     }
-    let cost = match (outcome, block) {
-        (Cost::Restored, _) => "nothing is lost",
-        (Cost::Lost, Some(block)) if section == "RECS" && !salvaged.has_mean(*block) => "lost with its mean",
-        (Cost::Lost, Some(_)) if section == "RECS" => "lost but for its mean",
-        (Cost::Lost, _) => "lost",
+    let first = blocks.as_ref().map(|blocks| blocks.start);
+    let cost = match (outcome, first) {
+        (Cost::Restored, _) => "nothing is lost".to_string(),
+        (Cost::Assumed { bits }, _) => format!("assumed, not proven: {bits} bits of evidence of {WANTED}"),
+        (Cost::Lost, Some(block)) if section == "RECS" && !salvaged.has_mean(block) => "lost with mean".into(),
+        (Cost::Lost, Some(_)) if section == "RECS" => "lost but for the mean".into(),
+        (Cost::Lost, _) => "lost".into(),
+        (other, _) => format!("{other:?}"),
     };
     let _ = write!(text, "{section} bytes {} to {}: {what}; {cost}", bytes.start, bytes.end);
     text
