@@ -53,6 +53,18 @@ pub enum Pruned {
     Coarse,
 }
 
+/// What a file holds of a block ([`Reader::state`]).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum State {
+    /// All that was written, or what damage makes of it: that is seen when the block is decoded.
+    Whole,
+    /// Its mean: the block was left out on purpose, `csbrdf prune`.
+    Pruned,
+    /// Its mean at best: damage took it before the file was repaired.
+    Lost,
+}
+
 #[cfg(feature = "mmap")]
 impl Reader<memmap2::Mmap> {
     /// Maps and opens a file. See [`crate::map::map_file`] on files that others change.
@@ -231,15 +243,19 @@ impl<D: AsRef<[u8]>> Reader<D> {
         Ok(self.index.record(block))
     }
 
-    /// Numbers of the blocks that damage took: a repaired file holds their means, or less.
-    pub fn lost_blocks(&self) -> impl Iterator<Item = usize> {
-        (0..self.block_count()).filter(|&block| self.is_lost(block))
+    /// What a file holds of a block.
+    pub fn state(&self, block: usize) -> State {
+        let is_mean = self.record(block).is_ok_and(|record| record.class == ValidityClass::Pruned);
+        match self.index.error_codes(block) {
+            _ if !is_mean => State::Whole,
+            LOST => State::Lost,
+            _ => State::Pruned,
+        }
     }
 
-    /// Whether damage took a block. The index says so of records of class pruned; that of other classes has other errors, or larger ones.
-    pub fn is_lost(&self, block: usize) -> bool {
-        let is_mean = |record: Record| record.class == ValidityClass::Pruned;
-        block < self.block_count() && self.index.error_codes(block) == LOST && self.record(block).is_ok_and(is_mean)
+    /// Numbers of the blocks that damage took before the file was repaired: it holds their means, or less.
+    pub fn lost_blocks(&self) -> impl Iterator<Item = usize> {
+        (0..self.block_count()).filter(|&block| self.state(block) == State::Lost)
     }
 
     /// Bytes of a block's record.

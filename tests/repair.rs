@@ -62,7 +62,14 @@ fn a_damaged_file_is_salvaged_and_repaired() {
 
     let said = csbrdf(folder, "repair bad.csbrdf", BAD_INPUT);
     assert!(said.contains("bad.repaired.csbrdf has what is left"), "{said}");
-    csbrdf(folder, "verify bad.repaired.csbrdf", OK);
+    // Lost is not pruned: to verify, to what decodes, and in the index.
+    let said = csbrdf(folder, "verify bad.repaired.csbrdf", BAD_INPUT);
+    assert!(said.contains("1 of 108 blocks is lost (") && said.contains("intact copy"), "{said}");
+    let said = csbrdf(folder, "decode bad.repaired.csbrdf -o x.binary", 1);
+    assert!(said.contains("was lost to damage") && !said.contains("pruned"), "{said}");
+    csbrdf(folder, "prune bad.repaired.csbrdf -o pruned.csbrdf", OK);
+    let said = csbrdf(folder, "verify pruned.csbrdf", BAD_INPUT);
+    assert!(said.contains("1 of 108 blocks is lost ("), "{said}");
     csbrdf(folder, "decode --coarse bad.repaired.csbrdf -o repaired.binary", OK);
     assert_eq!(differences(&path("left.binary"), &path("repaired.binary")), (0, 0));
     let information = &mut Command::new(env!("CARGO_BIN_EXE_csbrdf"));

@@ -115,7 +115,9 @@ fn one_flipped_bit_is_restored_or_named() {
                 assert!(text.contains(&name) && text.contains("--evidence"), "bit {bit}: {text}");
                 // The guess is right, and said to be one.
                 let guessed = salvage_with(&bad, &Options::default().evidence(14)).unwrap();
-                assert!(matches!(guessed.damage()[0].outcome, Outcome::Assumed { bits: 14..32 }) && !guessed.is_whole());
+                assert!(
+                    matches!(guessed.damage()[0].outcome, Outcome::Assumed { bits: 14..32 }) && !guessed.is_whole()
+                );
                 check(good, &guessed);
                 continue;
             }

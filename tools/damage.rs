@@ -1,20 +1,25 @@
-//! What becomes of damaged files: `cargo run --release --example damage -- [--random N] FILE.csbrdf...`.
+//! What becomes of damaged files: `cargo run --release --example damage -- [--cases N] [--seed S] FILE.csbrdf...`.
 //!
-//! Of each file: every flip of a bit outside RECS and EXCT and N (100,000 if not told) random ones in them, every cut, every pair of swapped
-//! pieces of 64 bytes, every zeroed page of 64, 512 and 4,096 bytes; no more than N random ones of a kind where there are more. Each case is
-//! opened, the checksums of the sections are checked as `verify` does, and the blocks that the damage touches are decoded. Damage that
-//! none of this notices counts as harmless if the whole table comes out the same, else as undetected. Then it is salvaged; in one case
-//! of 16 a block of those left is compared bit by bit with that of the intact file, in one of 1,024 all are.
+//! Of each file N (20,000 if not given) random damages of each kind are made: a flipped bit, some flipped bits within 32, 1 to 64 bytes overwritten at
+//! random or with zeros or ones, two places at once, a cut, bytes put in or taken out, two swapped pieces. The place is drawn by section first, so that
+//! the small ones that matter most are hit as often as the large ones; the last bytes of INDX are a place of their own. Of the kind *forged*,
+//! the damage in a section is made such that its checksum names one flipped bit, or four bytes, that were never there: damage that hits this
+//! by chance is one in 2^32 / (8 n), so that each case stands for millions.
+//!
+//! Each case is salvaged and repaired. It is *restored* if nothing is said to be lost, *lost and said* if something is, *refused* if nothing is left or a
+//! guess would have to be accepted; *wrong* if what is restored is not the file, a block that is not lost is not that of the file, or nobody notices
+//! damage. There must be none.
 #![allow(unsafe_code)] // an allocator that counts
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use csbrdf::decode::{Pruned, Reader};
-use csbrdf::salvage::salvage;
+use csbrdf::format::Limits;
+use csbrdf::salvage::{repair, salvage};
 use csbrdf::sample::SplitMix64;
 use rayon::prelude::*;
 
@@ -52,201 +57,287 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// One kind of damage in one place.
-#[derive(Clone, Copy)]
-enum Case {
-    Flip(usize),
-    Cut(usize),
-    Swap(usize, usize, usize),
-    Zero(usize, usize),
+/// Kinds of damage.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Kind {
+    Flip,
+    Burst,
+    Random,
+    Zeros,
+    Ones,
+    Two,
+    Cut,
+    Insert,
+    Delete,
+    Swap,
+    Forged,
 }
 
-impl Case {
-    /// The damaged file and the bytes that changed.
-    fn apply(self, good: &[u8]) -> (Vec<u8>, [Range<usize>; 2]) {
-        let mut bad = good.to_vec();
-        let changed = match self {
-            Case::Flip(bit) => {
-                bad[bit / 8] ^= 1 << (bit % 8);
-                [bit / 8..bit / 8 + 1, 0..0]
-            }
-            Case::Cut(length) => {
-                bad.truncate(length);
-                [length..good.len(), 0..0]
-            }
-            Case::Swap(a, b, size) => {
-                let (a, b) = (a..a + size, b..b + size);
-                bad[a.clone()].copy_from_slice(&good[b.clone()]);
-                bad[b.clone()].copy_from_slice(&good[a.clone()]);
-                [a, b]
-            }
-            Case::Zero(at, size) => {
-                let range = at..(at + size).min(good.len());
-                bad[range.clone()].fill(0);
-                [range, 0..0]
-            }
-        };
-        (bad, changed)
-    }
-}
+const KINDS: [(Kind, &str); 11] = [
+    (Kind::Flip, "one bit flipped"),
+    (Kind::Burst, "bits within 32 flipped"),
+    (Kind::Random, "1 to 64 bytes at random"),
+    (Kind::Zeros, "1 to 64 zeros"),
+    (Kind::Ones, "1 to 64 bytes FF"),
+    (Kind::Two, "two places, 1 to 8 bytes"),
+    (Kind::Cut, "cut"),
+    (Kind::Insert, "1 to 64 bytes put in"),
+    (Kind::Delete, "1 to 64 bytes taken out"),
+    (Kind::Swap, "two pieces swapped"),
+    (Kind::Forged, "forged: a sum that names another change"),
+];
+
+/// Bytes at the end of INDX that are a place of their own.
+const TAIL: usize = 16;
 
 /// An intact file and what it decodes to.
 struct Good {
     bytes: Vec<u8>,
     reader: Reader<Vec<u8>>,
-    blocks: Vec<Vec<f32>>,
-    records: Vec<Range<usize>>,
+    blocks: Vec<(Vec<f32>, Vec<bool>)>,
+    /// Name and bytes.
+    places: Vec<(String, Range<usize>)>,
 }
 
 impl Good {
     fn open(bytes: Vec<u8>) -> csbrdf::Result<Good> {
         let reader = Reader::open(bytes.clone())?.with_pruned(Pruned::Coarse);
-        let blocks = (0..reader.block_count()).map(|block| values(&reader, block)).collect::<csbrdf::Result<_>>()?;
-        let records =
-            (0..reader.block_count()).map(|b| Ok(reader.block_info(b)?.record)).collect::<csbrdf::Result<_>>()?;
-        Ok(Good { bytes, reader, blocks, records })
+        let blocks = (0..reader.block_count()).map(|block| block_of(&reader, block)).collect::<csbrdf::Result<_>>()?;
+        let sections = reader.directory().sections();
+        let mut places: Vec<(String, Range<usize>)> = sections.iter().map(|s| (s.name(), s.range.clone())).collect();
+        places.retain(|(_, range)| !range.is_empty());
+        places.push(("table".into(), 0..sections[0].range.start));
+        let index = places.iter().find(|(name, _)| name == "INDX").map(|(_, range)| range.clone()).unwrap_or(0..0);
+        places.push(("INDX, end".into(), index.end.saturating_sub(TAIL).max(index.start)..index.end));
+        Ok(Good { bytes, reader, blocks, places })
     }
 
-    fn is_same<D: AsRef<[u8]>>(&self, reader: &Reader<D>, block: usize) -> bool {
-        let bits = |v: &Vec<f32>| v.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
-        values(reader, block).is_ok_and(|got| bits(&got) == bits(&self.blocks[block]))
-            && reader.block_validity(block).ok() == self.reader.block_validity(block).ok()
-    }
-
-    /// Opens, checks, decodes and salvages a damaged file.
-    fn meet(&self, number: usize, case: Case) -> Met {
-        let (bad, changed) = case.apply(&self.bytes);
-        let mut met = Met { same: bad == self.bytes, ..Met::default() };
-        if met.same {
-            return met;
-        }
-        let held = HELD.get();
-        PEAK.set(held);
-        let start = Instant::now();
-        match Reader::open(&bad[..]) {
-            Err(_) => met.at_open = true,
-            Ok(reader) => {
-                let wrong = |s: &&csbrdf::format::directory::Section| crc32fast::hash(&bad[s.range.clone()]) != s.crc;
-                met.at_verify = reader.directory().sections().iter().find(wrong).is_some();
-                for range in &changed {
-                    let first = self.records.partition_point(|record| record.end <= range.start);
-                    let touched = self.records[first..].iter().take_while(|record| record.start < range.end);
-                    met.at_decode |= (first..).zip(touched).any(|(block, _)| values(&reader, block).is_err());
-                }
-                if !met.at_verify && !met.at_decode {
-                    let all = 0..reader.block_count();
-                    met.harmless = reader.verify().is_empty() && all.into_iter().all(|b| self.is_same(&reader, b));
+    /// The damaged file, and where the damage is.
+    fn damaged(&self, kind: Kind, random: &mut SplitMix64) -> (Vec<u8>, &str) {
+        let mut bad = self.bytes.clone();
+        let mut below = |n: usize| (random.next_u64() >> 11) as usize % n.max(1);
+        let (place, range) = &self.places[below(self.places.len())];
+        let at = range.start + below(range.len());
+        let length = (1 + below(64)).min(bad.len() - at);
+        match kind {
+            Kind::Flip => bad[at] ^= 1 << below(8),
+            Kind::Burst => {
+                for byte in bad[at..].iter_mut().take(1 + below(4)) {
+                    *byte ^= below(256) as u8;
                 }
             }
+            Kind::Random => bad[at..at + length].fill_with(|| below(256) as u8),
+            Kind::Zeros => bad[at..at + length].fill(0),
+            Kind::Ones => bad[at..at + length].fill(0xFF),
+            Kind::Two => {
+                let other = self.places[below(self.places.len())].1.clone();
+                for at in [at, other.start + below(other.len())] {
+                    let end = (at + 1 + below(8)).min(bad.len());
+                    bad[at..end].fill_with(|| below(256) as u8);
+                }
+            }
+            Kind::Cut => bad.truncate(at),
+            Kind::Insert => drop(bad.splice(at..at, (0..length).map(|_| below(256) as u8))),
+            Kind::Delete => drop(bad.drain(at..at + length)),
+            Kind::Swap => {
+                let other = below(bad.len());
+                let length = length.min(at.abs_diff(other)).min(bad.len() - other);
+                for i in 0..length {
+                    bad.swap(at + i, other + i);
+                }
+            }
+            Kind::Forged => forge(&mut bad, range.clone(), at, length.min(range.end - at), random),
         }
-        let salvaged = salvage(&bad);
+        (bad, place)
+    }
+
+    /// Salvages and repairs a damaged file.
+    fn meet(&self, bad: &[u8]) -> Met {
+        let mut met = Met::default();
+        let (held, start) = (HELD.get(), Instant::now());
+        PEAK.set(held);
+        let salvaged = salvage(bad);
+        let repaired = repair(bad, Limits::default());
         met.seconds = start.elapsed();
         met.peak = (PEAK.get() - held).max(0) as usize;
-        match salvaged {
-            Err(_) => met.nothing_left = true,
-            Ok(salvaged) => {
-                assert!(!salvaged.damage().is_empty(), "salvage found nothing");
-                met.lost = salvaged.lost().len();
-                let lost: BTreeSet<usize> = salvaged.lost().iter().copied().collect();
-                let left: Vec<usize> = (0..self.blocks.len()).filter(|block| !lost.contains(block)).collect();
-                if !left.is_empty() && number.is_multiple_of(16) {
-                    let some = if number.is_multiple_of(1024) { &left[..] } else { &[left[number / 16 % left.len()]] };
-                    met.wrong = some.iter().any(|&block| !self.is_same(salvaged.reader(), block));
-                }
-            }
+        let Ok(salvaged) = salvaged else {
+            met.refused = true;
+            met.wrong = repaired.is_ok() || Reader::open(bad).is_ok_and(|reader| reader.verify().is_empty());
+            return met;
+        };
+        met.lost = salvaged.lost().len();
+        met.restored = salvaged.is_whole();
+        met.wrong = salvaged.damage().is_empty();
+        let mut lost = vec![false; self.blocks.len()];
+        salvaged.lost().iter().for_each(|&block| lost[block] = true);
+        let is_right = |reader: &Reader<Vec<u8>>| {
+            let mut left = (0..self.blocks.len()).filter(|&block| !lost[block]);
+            left.all(|block| block_of(reader, block).is_ok_and(|found| found == self.blocks[block]))
+        };
+        met.wrong |= !is_right(salvaged.reader());
+        // What drafts before 4 have lost cannot be repaired.
+        if let Ok(repaired) = repaired {
+            met.wrong |= salvaged.is_whole() != (repaired.bytes == self.bytes);
+            let reader = Reader::open(repaired.bytes).map(|reader| reader.with_pruned(Pruned::Coarse));
+            met.wrong |= !reader.is_ok_and(|reader| is_right(&reader));
         }
         met
     }
 }
 
-fn values<D: AsRef<[u8]>>(reader: &Reader<D>, block: usize) -> csbrdf::Result<Vec<f32>> {
+/// Damages bytes of a section such that its checksum names one flipped bit, or four bytes, elsewhere in it.
+fn forge(bytes: &mut [u8], section: Range<usize>, at: usize, length: usize, random: &mut SplitMix64) {
+    let good = bytes[section.clone()].to_vec();
+    bytes[at..at + length].fill_with(|| random.next_u64() as u8);
+    if section.len() < 8 {
+        return;
+    }
+    // The sum that the section would have with one bit flipped.
+    let mut flipped = good.clone();
+    flipped[(random.next_u64() >> 11) as usize % good.len()] ^= 1 << (random.next_u64() % 8);
+    let wanted = crc32fast::hash(&flipped);
+    // Four bytes behind the damage, or before it, give that sum: the sum is linear in each of their bits.
+    let near = at - section.start;
+    let four = if near + length + 4 <= good.len() { near + length } else { near.saturating_sub(4).min(good.len() - 4) };
+    let difference = crc32fast::hash(&bytes[section.clone()]) ^ wanted;
+    let of_bit = |bit: usize| {
+        let zeros = vec![0; good.len()];
+        let mut one = zeros.clone();
+        one[four + bit / 8] |= 1 << (bit % 8);
+        crc32fast::hash(&zeros) ^ crc32fast::hash(&one)
+    };
+    let Some(change) = solve(std::array::from_fn(of_bit), difference) else { return };
+    let four = section.start + four;
+    bytes[four..four + 4].iter_mut().zip(change.to_le_bytes()).for_each(|(byte, change)| *byte ^= change);
+}
+
+/// Which of 32 words, combined by exclusive or, give another.
+fn solve(words: [u32; 32], wanted: u32) -> Option<u32> {
+    // Words with what they are made of, one for each leading bit.
+    let mut basis = [(0u32, 0u32); 32];
+    for (i, word) in words.into_iter().enumerate() {
+        let (mut word, mut of) = (word, 1u32 << i);
+        while word != 0 {
+            let lead = 31 - word.leading_zeros() as usize;
+            if basis[lead].0 == 0 {
+                basis[lead] = (word, of);
+                break;
+            }
+            (word, of) = (word ^ basis[lead].0, of ^ basis[lead].1);
+        }
+    }
+    let (mut rest, mut made) = (wanted, 0);
+    while rest != 0 {
+        let (word, of) = basis[31 - rest.leading_zeros() as usize];
+        if word == 0 {
+            return None;
+        }
+        (rest, made) = (rest ^ word, made ^ of);
+    }
+    Some(made)
+}
+
+fn block_of<D: AsRef<[u8]>>(reader: &Reader<D>, block: usize) -> csbrdf::Result<(Vec<f32>, Vec<bool>)> {
     let mut values = vec![0.0; reader.block_values(block)?];
     reader.block_into(block, &mut values)?;
-    Ok(values)
+    Ok((values, reader.block_validity(block)?))
 }
 
 /// What became of a case.
 #[derive(Default)]
 struct Met {
-    same: bool,
-    at_open: bool,
-    at_verify: bool,
-    at_decode: bool,
-    harmless: bool,
-    nothing_left: bool,
+    refused: bool,
+    restored: bool,
     lost: usize,
     wrong: bool,
     seconds: Duration,
     peak: usize,
 }
 
-fn row(name: &str, good: &Good, cases: &[Case]) {
-    let all: Vec<Met> =
-        cases.par_iter().enumerate().map(|(i, case)| good.meet(i, *case)).filter(|met| !met.same).collect();
-    let count = |f: &dyn Fn(&Met) -> bool| all.iter().filter(|met| f(met)).count();
-    let salvaged = count(&|m| !m.nothing_left);
-    let lost: usize = all.iter().map(|m| m.lost).sum();
-    println!(
-        "| {name} | {} | {} | {} | {} | {} | {} | {} | {} | {:.2} / {} | {} | {:.0} | {:.0} |",
-        all.len(),
-        count(&|m| m.at_open),
-        count(&|m| !m.at_open && m.at_verify),
-        count(&|m| m.at_decode),
-        count(&|m| m.harmless),
-        count(&|m| !m.at_open && !m.at_verify && !m.at_decode && !m.harmless),
-        count(&|m| m.nothing_left),
-        count(&|m| !m.nothing_left && m.lost == 0),
-        lost as f64 / salvaged.max(1) as f64,
-        all.iter().map(|m| m.lost).max().unwrap_or(0),
-        count(&|m| m.wrong),
-        all.iter().map(|m| m.seconds.as_secs_f64() * 1e3).fold(0.0, f64::max),
-        all.iter().map(|m| m.peak as f64 / 1e3).fold(0.0, f64::max),
-    );
+/// Sums over cases.
+#[derive(Default)]
+struct Row {
+    tried: usize,
+    restored: usize,
+    lost_and_said: usize,
+    refused: usize,
+    wrong: usize,
+    blocks: usize,
+    most: usize,
+    slowest: f64,
+    peak: usize,
 }
 
-/// All cases, or so many random ones.
-fn some(all: usize, most: usize, case: impl Fn(usize) -> Case) -> Vec<Case> {
-    let mut random = SplitMix64(7);
-    let mut pick = |i: usize| if all > most { random.next_u64() as usize % all } else { i };
-    (0..all.min(most)).map(|i| case(pick(i))).collect()
-}
-
-fn sweep(name: &str, good: &Good, random: usize) {
-    let (length, sections) = (good.bytes.len(), good.reader.directory().sections());
-    println!("\n{name}: {length} bytes, {} blocks\n", good.blocks.len());
-    println!(
-        "| damage | cases | detected at open | by verify | by decode | harmless | undetected | nothing left | all left | blocks lost: mean / max | \
-         wrong values | slowest, ms | peak, kB |"
-    );
-    println!("|{}", " --- |".repeat(13));
-    let is_payload =
-        |byte: usize| sections.iter().any(|s| ["RECS", "EXCT"].contains(&&s.name()[..]) && s.range.contains(&byte));
-    let (payload, head): (Vec<usize>, Vec<usize>) = (0..length).partition(|&byte| is_payload(byte));
-    let flips: Vec<Case> = head.iter().flat_map(|&byte| (0..8).map(move |bit| Case::Flip(8 * byte + bit))).collect();
-    row("flip, header to index", good, &flips);
-    row("flip, payload", good, &some(8 * payload.len(), random, |bit| Case::Flip(8 * payload[bit / 8] + bit % 8)));
-    row("cut", good, &some(length, random, Case::Cut));
-    let pieces = length / 64;
-    let pair = |n: usize| Case::Swap(n / pieces * 64, n % pieces * 64, 64);
-    let pairs: Vec<usize> = match pieces * pieces / 2 <= random {
-        true => (0..pieces * pieces).filter(|n| n / pieces < n % pieces).collect(),
-        false => (0..pieces * pieces).collect(),
-    };
-    row("swapped 64 bytes", good, &some(pairs.len(), random, |n| pair(pairs[n])));
-    for size in [64, 512, 4096] {
-        let cases = some(length.div_ceil(size), random, |page| Case::Zero(page * size, size));
-        row(&format!("zeroed {size} bytes"), good, &cases);
+impl Row {
+    fn add(&mut self, met: &Met) {
+        self.tried += 1;
+        self.restored += usize::from(met.restored);
+        self.refused += usize::from(met.refused);
+        self.lost_and_said += usize::from(!met.refused && !met.restored);
+        self.wrong += usize::from(met.wrong);
+        self.blocks += met.lost;
+        self.most = self.most.max(met.lost);
+        self.slowest = self.slowest.max(met.seconds.as_secs_f64() * 1e3);
+        self.peak = self.peak.max(met.peak);
     }
+
+    fn print(&self, kind: &str, place: &str) {
+        let Row { tried, restored, lost_and_said, refused, wrong, blocks, most, slowest, peak } = self;
+        let mean = *blocks as f64 / (tried - refused).max(1) as f64;
+        println!(
+            "| {kind} | {place} | {tried} | {restored} | {lost_and_said} | {refused} | {wrong} | {mean:.2} / {most} | {slowest:.0} | {} |",
+            peak / 1000
+        );
+    }
+}
+
+fn sweep(name: &str, good: &Good, cases: usize, seed: u64) -> usize {
+    println!("\n{name}: {} bytes, {} blocks, {cases} cases of each kind\n", good.bytes.len(), good.blocks.len());
+    println!(
+        "| damage | in | tried | restored | lost and said | refused | wrong | blocks lost: mean / max | slowest, ms | peak, kB |"
+    );
+    println!("|{}", " --- |".repeat(10));
+    let mut all = Row::default();
+    for (kind, label) in KINDS {
+        let met: Vec<(String, Met)> = (0..cases)
+            .into_par_iter()
+            .filter_map(|case| {
+                let mut random = SplitMix64(seed ^ (kind as u64) << 32 ^ case as u64);
+                let (bad, place) = good.damaged(kind, &mut random);
+                let met = (bad != good.bytes).then(|| good.meet(&bad))?;
+                if met.wrong {
+                    eprintln!("wrong: {label} in {place}, case {case}");
+                }
+                Some((place.to_string(), met))
+            })
+            .collect();
+        let mut rows: BTreeMap<&str, Row> = BTreeMap::new();
+        for (place, met) in &met {
+            rows.entry(place).or_default().add(met);
+            all.add(met);
+        }
+        rows.iter().for_each(|(place, row)| row.print(label, place));
+    }
+    all.print("all", "");
+    all.wrong
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1).peekable();
-    let mut random = 100_000;
-    if arguments.next_if(|a| a == "--random").is_some() {
-        random = arguments.next().ok_or("--random N")?.parse()?;
+    let (mut cases, mut seed, mut wrong) = (20_000, 7, 0);
+    while let Some(option) = arguments.next_if(|a| a.starts_with("--")) {
+        let value = arguments.next().ok_or(format!("{option} needs a number"))?;
+        match &option[..] {
+            "--cases" => cases = value.parse()?,
+            "--seed" => seed = value.parse()?,
+            other => return Err(format!("{other} is neither --cases nor --seed").into()),
+        }
     }
     for path in arguments {
-        sweep(&path, &Good::open(std::fs::read(&path)?)?, random);
+        wrong += sweep(&path, &Good::open(std::fs::read(&path)?)?, cases, seed);
+    }
+    if wrong > 0 {
+        return Err(format!("{wrong} cases came out wrong").into());
     }
     Ok(())
 }

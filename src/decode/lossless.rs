@@ -38,6 +38,15 @@ impl<D: AsRef<[u8]>> Reader<D> {
         ExactIndex::read(self.data.as_ref(), section, self.block_count(), self.grid().channels().len())
     }
 
+    /// How many blocks have lost their exact values to damage, although they are marked so in a repaired file.
+    ///
+    /// # Errors
+    /// As [`Reader::exact_block`], for the list of their parts.
+    pub fn lost_exact(&self) -> Result<usize> {
+        let index = self.exact_index()?;
+        Ok((0..self.block_count()).filter(|&block| index.is_lost(self.data.as_ref(), block)).count())
+    }
+
     pub(crate) fn exact_bits(
         &self,
         index: &ExactIndex,

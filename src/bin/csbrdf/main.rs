@@ -7,6 +7,7 @@ mod demo;
 mod encode;
 mod eval;
 mod failure;
+mod gone;
 mod info;
 mod input;
 mod lint;

@@ -10,6 +10,7 @@ use sha2::{Digest, Sha256};
 use crate::args::VerifyArgs;
 use crate::encode::hex;
 use crate::failure::{Failure, Outcome};
+use crate::gone::Gone;
 use crate::input::{self, Bytes, label};
 use crate::output::print;
 use crate::sets::check;
@@ -79,15 +80,13 @@ pub fn verify(file: &Path, bytes: Bytes, against: Option<&Original>) -> (String,
     let name = clean(&label(file));
     let damage = reader.verify();
     let Some(first) = damage.first() else {
-        let ok = format!("{name}: ok, {} blocks\n", grouped(reader.block_count()));
-        return match against {
-            None => (ok, Ok(())),
-            Some(original) => {
-                let mut text = ok;
-                let outcome = proof(file, &reader, original, &mut text);
-                (text, outcome)
-            }
-        };
+        let gone = Gone::of(&reader);
+        let (mut text, mut outcome) = intact(file, &name, &gone);
+        if let Some(original) = against {
+            let proven = proof(file, &reader, original, &mut text);
+            outcome = outcome.and(proven);
+        }
+        return (text, outcome);
     };
     let mut text = String::new();
     for error in &damage {
@@ -99,6 +98,21 @@ pub fn verify(file: &Path, bytes: Bytes, against: Option<&Original>) -> (String,
         _ => Failure::bad_input(file, format!("{places} damaged; fetch the file again")),
     };
     (text, Err(failure))
+}
+
+/// What is said of a file without damage: that damage took some of it before it was repaired, if so, is a failure.
+fn intact(file: &Path, name: &str, gone: &Gone) -> (String, Outcome) {
+    let blocks = grouped(gone.blocks);
+    let pruned = match gone.pruned {
+        0 => String::new(),
+        n => format!(", {} of them pruned", grouped(n)),
+    };
+    if !gone.is_hurt() {
+        return (format!("{name}: ok, {blocks} blocks{pruned}\n"), Ok(()));
+    }
+    let what = gone.what_is_lost();
+    let text = format!("{name}: what there is is intact, {blocks} blocks{pruned}, but {what}\n");
+    (text, Err(Failure::bad_input(file, format!("{what}; the file was repaired: look for an intact copy of it"))))
 }
 
 /// Measures the file's errors against the original and adds what it finds to the text.

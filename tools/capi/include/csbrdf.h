@@ -50,12 +50,12 @@
 #define CSBRDF_LOOKUP_NEAREST 1
 
 /**
- * csbrdf_options.pruned: a block that was pruned from the file is CSBRDF_PRUNED. The default.
+ * csbrdf_options.pruned: a block that was pruned from the file is CSBRDF_PRUNED, one that was lost is CSBRDF_LOST. The default.
  */
 #define CSBRDF_PRUNED_REFUSE 0
 
 /**
- * csbrdf_options.pruned: a block that was pruned gives its mean.
+ * csbrdf_options.pruned: a block that was pruned or lost gives its mean.
  */
 #define CSBRDF_PRUNED_COARSE 1
 
@@ -148,6 +148,11 @@ typedef enum {
      * A block that the call needs was pruned from the file, and the options do not allow its mean in its place.
      */
     CSBRDF_PRUNED = 9,
+    /**
+     * A block that the call needs was lost to damage before the file was repaired, and the options do not allow what is left of it, its
+     * mean at best, in its place.
+     */
+    CSBRDF_LOST = 10,
 } csbrdf_status;
 
 /**

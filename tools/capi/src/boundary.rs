@@ -33,6 +33,7 @@ impl From<Error> for Failure {
             Error::LimitExceeded { .. } => CSBRDF_LIMIT_EXCEEDED,
             Error::InvalidArgument(_) => CSBRDF_INVALID_ARGUMENT,
             Error::Pruned { .. } => CSBRDF_PRUNED,
+            Error::Lost { .. } => CSBRDF_LOST,
             // Contracts are the encoder's: to a reader, a file that breaks one contradicts itself.
             _ => CSBRDF_CORRUPT,
         };

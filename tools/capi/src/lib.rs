@@ -34,10 +34,10 @@ pub const CSBRDF_LOOKUP_LINEAR: u32 = 0;
 /// csbrdf_options.lookup: the bin that the directions fall into.
 pub const CSBRDF_LOOKUP_NEAREST: u32 = 1;
 
-/// csbrdf_options.pruned: a block that was pruned from the file is CSBRDF_PRUNED. The default.
+/// csbrdf_options.pruned: a block that was pruned from the file is CSBRDF_PRUNED, one that was lost is CSBRDF_LOST. The default.
 pub const CSBRDF_PRUNED_REFUSE: u32 = 0;
 
-/// csbrdf_options.pruned: a block that was pruned gives its mean.
+/// csbrdf_options.pruned: a block that was pruned or lost gives its mean.
 pub const CSBRDF_PRUNED_COARSE: u32 = 1;
 
 /// What came of a call. csbrdf_last_error() has the details. Later versions may add codes.
@@ -64,6 +64,9 @@ pub enum csbrdf_status {
     CSBRDF_PANIC = 8,
     /// A block that the call needs was pruned from the file, and the options do not allow its mean in its place.
     CSBRDF_PRUNED = 9,
+    /// A block that the call needs was lost to damage before the file was repaired, and the options do not allow what is left of it, its
+    /// mean at best, in its place.
+    CSBRDF_LOST = 10,
 }
 
 /// How to open a file. A field that is 0 takes its default: start with `csbrdf_options options = {0};` (C++:
