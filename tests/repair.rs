@@ -67,7 +67,8 @@ fn a_damaged_file_is_salvaged_and_repaired() {
     assert!(said.contains("1 of 108 blocks is lost (") && said.contains("intact copy"), "{said}");
     let said = csbrdf(folder, "decode bad.repaired.csbrdf -o x.binary", 1);
     assert!(said.contains("was lost to damage") && !said.contains("pruned"), "{said}");
-    csbrdf(folder, "prune bad.repaired.csbrdf -o pruned.csbrdf", OK);
+    csbrdf(folder, "eval --coarse --angles 30,0,35,180 --trace some.trace bad.repaired.csbrdf", OK);
+    csbrdf(folder, "prune --trace some.trace bad.repaired.csbrdf -o pruned.csbrdf", OK);
     let said = csbrdf(folder, "verify pruned.csbrdf", BAD_INPUT);
     assert!(said.contains("1 of 108 blocks is lost ("), "{said}");
     csbrdf(folder, "decode --coarse bad.repaired.csbrdf -o repaired.binary", OK);
