@@ -1,6 +1,5 @@
 //! `csbrdf repair`: a valid file from a damaged one.
 
-use csbrdf::format::Limits;
 use csbrdf::salvage::{Outcome as Cost, repair};
 
 use crate::args::RepairArgs;
@@ -18,7 +17,7 @@ pub fn run(args: &RepairArgs, quiet: bool) -> Outcome {
     let target = Target::of(&output);
     target.check(args.force)?;
     let bytes = input::read(&args.input)?;
-    let repaired = repair(bytes.as_ref(), Limits::default()).map_err(|e| Failure::in_file(&args.input, &e))?;
+    let repaired = repair(bytes.as_ref(), input::limits()).map_err(|e| Failure::in_file(&args.input, &e))?;
     target.write(args.force, |out| Ok(out.write_all(&repaired.bytes)?))?;
     list(&args.input, &repaired.salvaged, quiet);
     if !quiet {

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use csbrdf::salvage::{Damage, Outcome as Cost, Salvaged, salvage};
+use csbrdf::salvage::{Damage, Outcome as Cost, Salvaged, salvage_with_limits};
 use csbrdf::table::merl::write_merl_values;
 
 use crate::args::{DecodeArgs, FormatArg};
@@ -16,7 +16,7 @@ use crate::text::grouped;
 pub fn decode(args: &DecodeArgs, format: FormatArg, target: &Target, quiet: bool) -> Outcome {
     let failed = |e: csbrdf::Error| Failure::in_file(&args.input, &e);
     let bytes = input::read(&args.input)?;
-    let salvaged = salvage(bytes.as_ref()).map_err(failed)?;
+    let salvaged = salvage_with_limits(bytes.as_ref(), input::limits()).map_err(failed)?;
     if args.exact {
         let (values, gone) = salvaged.exact_table(f64::from(MISSING)).map_err(failed)?;
         target.write(args.force, |out| write_merl_values(salvaged.reader().grid(), &values, out))?;
