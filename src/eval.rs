@@ -289,7 +289,10 @@ impl<D: AsRef<[u8]>> Brdf<D> {
             stride *= found.shape[a];
         }
         if let Some(a) = leaves.iter().position(|leaves| *leaves) {
-            // Both sides of the edge, each with its share.
+            // Both sides of the edge, each with its share. Few channels take no time worth counting.
+            if value.len() > MAX_STACK {
+                means.spend(value.len() as u64)?;
+            }
             let [mut below, mut above] = [*around; 2];
             let Around { near, far, weight } = around[a];
             (below[a], above[a]) = (Around { near, far: 0, weight: 0.0 }, Around { near: far, far: 0, weight: 0.0 });

@@ -169,10 +169,11 @@ impl<D: AsRef<[u8]>> Job<'_, D> {
         let values = self.reader.block_values(block)? as u64;
         let _held = self.budget.holding(RECODED * values)?;
         self.budget.spend(RECODING * values)?;
-        let remains = recoder.take_apart(&place, record, self.reader.means(block), self.budget).and_then(|mut remains| {
-            recoder.code(coder, &place, &mut remains)?;
-            Ok(remains)
-        });
+        let remains =
+            recoder.take_apart(&place, record, self.reader.means(block), self.budget).and_then(|mut remains| {
+                recoder.code(coder, &place, &mut remains)?;
+                Ok(remains)
+            });
         remains.map_err(|fault| self.reader.fault(block, fault))
     }
 

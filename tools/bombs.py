@@ -1,4 +1,4 @@
-"""What files that claim much cost each command: seconds and peak MB.
+"""What files that claim much cost each command: seconds of processors and peak MB.
 
     BOMBS=/tmp/bombs cargo test --release --lib -- --ignored write_bombs
     python3 tools/bombs.py target/release/csbrdf /tmp/bombs/*.csbrdf
@@ -28,22 +28,22 @@ def pairs(path, count):
 
 
 def measure(command):
-    """Seconds, peak MB and exit code of a command."""
+    """Seconds of processors, peak MB and exit code of a command."""
     start = time.time()
     with open(os.devnull, "wb") as sink:
         child = subprocess.Popen(command, stdout=sink, stderr=sink)
-        peak, code = 0, None
+        code = None
         while code is None:
             done, status, usage = os.wait4(child.pid, os.WNOHANG)
             if done:
-                peak, code = usage.ru_maxrss / 1000, os.waitstatus_to_exitcode(status)
+                code = os.waitstatus_to_exitcode(status)
             elif time.time() - start > MOST:
                 child.kill()
                 _, _, usage = os.wait4(child.pid, 0)
-                peak, code = usage.ru_maxrss / 1000, "ended"
+                code = "ended"
             else:
                 time.sleep(0.002)
-    return time.time() - start, peak, code
+    return usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1000, code
 
 
 def commands(tool, file, folder):

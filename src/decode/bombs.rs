@@ -155,15 +155,13 @@ fn every_call_draws_on_the_budget() {
     use crate::importance::Importance;
     use crate::lint::lint_brdf;
     use crate::prune::Pruner;
-    for name in ["full", "alternating", "dft-full", "masks", "zeros", "corrections", "drawn", "points", "profile"] {
+    for name in ["corner", "corner-dft", "corrections", "drawn", "lossless", "rows", "profile-wide"] {
         let file = worst(name);
         let start = Instant::now();
         for limits in [
             Limits { operations: 0, bytes: 1 << 24, ..Limits::default() },
             Limits { operations: 1 << 20, bytes: 0, ..Limits::default() },
         ] {
-            // What the bytes of the file buy is small.
-            assert!(file.len() < 1 << 20, "{name}: {}", file.len());
             let open = || Reader::open_with_limits(&file[..], limits).map(|reader| reader.with_pruned(Pruned::Coarse));
             let reader = match open() {
                 Ok(reader) => reader,
@@ -209,11 +207,9 @@ fn look_ups_in_turn_end() {
     };
     for one in [false, true] {
         let (brdf, start) = (open(one), Instant::now());
-        let up = [0.0, 0.0, 1.0];
-        let refused = (0..100_000).find_map(|i| {
-            let wo = [[0.1f64, 0.0, 0.995], [0.97, 0.0, 0.24]][i % 2];
-            brdf.eval(up, wo).err()
-        });
+        // Half vectors near the normal and near the horizon.
+        let pairs = [([0.0, 0.0, 1.0], [0.1, 0.0, 0.995]), ([0.97, 0.0, 0.24], [0.97, 0.0, 0.24])];
+        let refused = (0..10_000).find_map(|i| brdf.eval(pairs[i % 2].0, pairs[i % 2].1).err());
         assert!(is_limit::<()>(Err(refused.expect("refused"))), "{one}");
         assert!(start.elapsed().as_secs() < 30);
     }
@@ -245,7 +241,7 @@ fn threads_wait_for_memory() {
     let file = Bomb { lens: [64; 3], block: [32; 3], channels: 3, ..Bomb::default() }.with_coefficients(true).file();
     let whole = Reader::open(&file[..]).unwrap().decode_all().unwrap();
     let limits = |bytes| Limits { bytes, ..Limits::default() };
-    let reader = Reader::open_with_limits(&file[..], limits(6 << 20)).unwrap();
+    let reader = Reader::open_with_limits(&file[..], limits(4 << 20)).unwrap();
     assert_eq!(reader.most_scratches(), 1);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(8).build().unwrap();
     pool.install(|| {

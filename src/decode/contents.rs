@@ -79,7 +79,9 @@ impl<D: AsRef<[u8]>> Reader<D> {
     /// Which positions of a block are in bins wholly below the horizon; `None`: the grid has no such.
     fn impossible(&self, place: Block) -> Option<impl Iterator<Item = bool>> {
         let horizon = self.header.horizon()?;
-        Some(positions(place.shape).map(move |p| horizon.is_impossible(std::array::from_fn(|a| place.origin[a] + p[a]))))
+        Some(
+            positions(place.shape).map(move |p| horizon.is_impossible(std::array::from_fn(|a| place.origin[a] + p[a]))),
+        )
     }
 
     /// Where each entry of a block comes from, `[channel][position]`.

@@ -39,7 +39,12 @@ pub(super) fn of_index(blocks: usize, components: usize) -> [u64; 2] {
 }
 
 /// Operations and bytes of rebuilding a profile, its tables side by side included.
-pub(super) fn of_profile(coded: &CodedProfile, grid: &Grid, synthesis: &Synthesis, shapes: [[usize; 4]; 2]) -> [u64; 2] {
+pub(super) fn of_profile(
+    coded: &CodedProfile,
+    grid: &Grid,
+    synthesis: &Synthesis,
+    shapes: [[usize; 4]; 2],
+) -> [u64; 2] {
     let channels = grid.channels().len() as u64;
     let (mut work, mut bytes) = (0, 0);
     for shape in shapes {
@@ -92,7 +97,8 @@ impl Header {
     /// The same of any block of the file, with as many coefficients as it may have.
     pub(super) fn most_bytes_of_block(&self) -> u64 {
         let whole = |shape: &[usize; 4]| Block { origin: [0; 4], shape: *shape };
-        let bytes = |block: Block| self.bytes_of_block(&block, ValidityClass::MaskPerChannel) + 16 * self.values_of(&block);
+        let bytes =
+            |block: Block| self.bytes_of_block(&block, ValidityClass::MaskPerChannel) + 16 * self.values_of(&block);
         self.partition.shapes().iter().map(whole).map(bytes).max().unwrap_or(0)
     }
 
@@ -144,7 +150,9 @@ impl Header {
     pub(super) fn of_validity(&self, block: &Block, class: ValidityClass) -> [u64; 2] {
         let n = block.positions() as u64;
         match class {
-            ValidityClass::MaskPerChannel => [BLOCK + self.values_of(block) * MASK + n * ELEVATION, self.values_of(block) + n],
+            ValidityClass::MaskPerChannel => {
+                [BLOCK + self.values_of(block) * MASK + n * ELEVATION, self.values_of(block) + n]
+            }
             ValidityClass::Mask => [BLOCK + n * (MASK + ELEVATION), 2 * n],
             ValidityClass::Horizon => [BLOCK + n * ELEVATION, n],
             _ => [BLOCK + n / 8, n],

@@ -141,7 +141,8 @@ impl Header {
         let rows: usize = components.iter().map(|component| component.rows.len()).sum();
         let here = Block { shape: [1; 4], ..*place };
         let mixed = if self.coding.transform == ChannelTransform::None { 1 } else { means.len() };
-        let work = (2 * entries + 6 * rows + 8 * means.len() + mixed * means.len()) as u64 + self.work_of_profile(&here);
+        let work =
+            (2 * entries + 6 * rows + 8 * means.len() + mixed * means.len()) as u64 + self.work_of_profile(&here);
         Ok(Sparse { block, place: *place, components, zeros, uses: AtomicU32::new(0), work })
     }
 }
@@ -149,12 +150,7 @@ impl Header {
 impl<D: AsRef<[u8]>> Reader<D> {
     /// The coefficients of a block. `None` where its single values are not to be had without the others: the DFT, or a file
     /// with corrections.
-    pub(crate) fn sparse_block(
-        &self,
-        block: usize,
-        scratch: &mut Scratch,
-        budget: &Budget,
-    ) -> Result<Option<Sparse>> {
+    pub(crate) fn sparse_block(&self, block: usize, scratch: &mut Scratch, budget: &Budget) -> Result<Option<Sparse>> {
         if self.header.coding.basis == Basis::Dft || self.header.coding.correction.is_some() {
             return Ok(None);
         }

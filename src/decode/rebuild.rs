@@ -256,7 +256,13 @@ impl Header {
     }
 
     /// The coefficients of a component, that at index 0 first.
-    pub(super) fn dequantize(&self, component: usize, coefficients: &[(u32, i32)], mean: i32, terms: &mut Vec<Term>) -> Result<()> {
+    pub(super) fn dequantize(
+        &self,
+        component: usize,
+        coefficients: &[(u32, i32)],
+        mean: i32,
+        terms: &mut Vec<Term>,
+    ) -> Result<()> {
         let step = self.coding.steps[component];
         let quantizer = Quantizer { step, shrink: self.coding.shrink.map(|s| f32::from(s) / 256.0) };
         terms.clear();

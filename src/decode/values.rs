@@ -31,7 +31,12 @@ impl Header {
     }
 
     /// BRDF values in all of the memory of a block, from the components in the scratch.
-    pub(super) fn values_to<P: Place<f32>>(&self, place: &Block, scratch: &mut Scratch, mut target: Target<P>) -> Result<()> {
+    pub(super) fn values_to<P: Place<f32>>(
+        &self,
+        place: &Block,
+        scratch: &mut Scratch,
+        mut target: Target<P>,
+    ) -> Result<()> {
         let (ChannelTransform::Matrix(matrix), 3) = (&self.coding.transform, self.grid.channels().len()) else {
             self.to_channels(&mut scratch.log);
             scratch.hide_zeros();

@@ -4,8 +4,8 @@ use rayon::prelude::*;
 
 use super::blocks::{Quantized, gather_log};
 use super::bound::Bound;
-use crate::budget::Budget;
 use crate::block::{Block, Partition};
+use crate::budget::Budget;
 use crate::correct::{self, Decoded};
 use crate::decode::lossless::decode_bits;
 use crate::decode::{CONTEXTS, CORRECTIONS, Header, MASKS, Scratch, ZEROS, contexts, without_zeros};
@@ -243,11 +243,9 @@ pub(super) fn pack(
             let class = block.told.class;
             let doublings = if class == ValidityClass::None { 0 } else { blocks[number].doublings };
             let record = Record { class, doublings, coded: &coded };
-            header
-                .rebuild(&block.block, &record, block.means, &mut buffers.scratch, &Budget::unbounded())
-                .map_err(|fault| {
-                    fault.error(|what| Error::InvalidArgument(format!("block {number} does not decode: {what}")))
-                })?;
+            header.rebuild(&block.block, &record, block.means, &mut buffers.scratch, &Budget::unbounded()).map_err(
+                |fault| fault.error(|what| Error::InvalidArgument(format!("block {number} does not decode: {what}"))),
+            )?;
             let error = measure(table, &block.block, header.coding.eps, &buffers.scratch.log);
             let exact = match &missing {
                 Some(missing) => code_exact(table, &header, &block, missing, buffers)

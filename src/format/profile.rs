@@ -139,9 +139,7 @@ impl CodedProfile {
                 make_room(&mut terms, 1 + coefficients.of_channel(c).len()).map_err(|_| NO_MEMORY)?;
                 terms.push(term(&(0, self.first[t * channels + c])));
                 terms.extend(coefficients.of_channel(c).iter().map(term));
-                synthesis
-                    .synthesize(Level::detect(), shape, &terms, values, &mut lines)
-                    .map_err(|_| NO_MEMORY)?;
+                synthesis.synthesize(Level::detect(), shape, &terms, values, &mut lines).map_err(|_| NO_MEMORY)?;
             }
             Ok(())
         })?;

@@ -115,12 +115,7 @@ impl<'a> Recoder<'a> {
     }
 
     /// Codes what is left of a record.
-    pub(super) fn code<C: Coder>(
-        &mut self,
-        coder: &mut C,
-        block: &Block,
-        remains: &mut Remains,
-    ) -> Result<(), Fault> {
+    pub(super) fn code<C: Coder>(&mut self, coder: &mut C, block: &Block, remains: &mut Remains) -> Result<(), Fault> {
         let Recoder { target, walk, correct, .. } = self;
         if matches!(remains.class, ValidityClass::Mask | ValidityClass::MaskPerChannel) {
             target.mask_model().code(coder, MASKS, block, &mut remains.masks);

@@ -753,12 +753,10 @@ mod tests {
         assert!(["0", "101%", "-1", "nan", "", "%"].iter().all(|t| ratio(t).is_err()));
         assert_eq!(["60k", "1.5M", "777", "60 kB"].map(size), [Ok(60_000), Ok(1_500_000), Ok(777), Ok(60_000)]);
         assert!(["0", "-1", "k", "", "nan", "1e30", "5G"].iter().all(|t| size(t).is_err()));
-        assert_eq!(["300M", "1.5G", "7k", "268435456"].map(values), [
-            Ok(300_000_000),
-            Ok(1_500_000_000),
-            Ok(7000),
-            Ok(1 << 28)
-        ]);
+        assert_eq!(
+            ["300M", "1.5G", "7k", "268435456"].map(values),
+            [Ok(300_000_000), Ok(1_500_000_000), Ok(7000), Ok(1 << 28)]
+        );
         assert!(["0", "-1", "G", "", "inf", "1e30", "5T"].iter().all(|t| values(t).is_err()));
         assert_eq!(lengths("15, 15,15").unwrap().0, [15, 15, 15]);
         assert!(["", "0,1,1", "7", "1,2,3,4", "1,2,3,4,5", "a,1,1", "1,,2", "-1"].iter().all(|t| lengths(t).is_err()));

@@ -136,7 +136,8 @@ impl Bomb {
         }
         if self.zeros {
             // All but one of each channel: told one by one.
-            let mut zeros: Vec<bool> = (0..n * self.channels).map(|i| masks[i % masks.len()] && i % n + 1 < n).collect();
+            let mut zeros: Vec<bool> =
+                (0..n * self.channels).map(|i| masks[i % masks.len()] && i % n + 1 < n).collect();
             code_zeros(&mut coder, ZEROS, shape, self.channels, || &masks, &mut zeros).unwrap();
         }
         Walk::default().code(&mut coder, QUANTIZATION, shape, &planes).unwrap();
@@ -167,8 +168,28 @@ pub(super) fn wide() -> String {
 
 /// Names of files that cost much.
 pub(super) const WORST: &[&str] = &[
-    "empty", "corner", "corner-dft", "full", "rows", "blocks", "spectral", "metadata", "one-full", "alternating", "dft-full",
-    "cells", "masks", "zeros", "corrections", "channels", "points", "million", "profile", "profile-wide", "drawn", "lossless",
+    "empty",
+    "corner",
+    "corner-dft",
+    "full",
+    "rows",
+    "blocks",
+    "spectral",
+    "metadata",
+    "one-full",
+    "alternating",
+    "dft-full",
+    "cells",
+    "masks",
+    "zeros",
+    "corrections",
+    "channels",
+    "points",
+    "million",
+    "profile",
+    "profile-wide",
+    "drawn",
+    "lossless",
 ];
 
 /// A file by its name.
@@ -192,16 +213,16 @@ pub(super) fn worst(name: &str) -> Vec<u8> {
         }
         // Millions of coefficients in one block; in two, which look-ups need in turn; three channels for pictures.
         "one-full" => Bomb { lens: [128; 3], block: [128; 3], ..base() }.with_coefficients(true),
-        "alternating" => Bomb { lens: [128, 128, 64], channels: 3, block: [64, 128, 64], ..base() }.with_coefficients(true),
-        "dft-full" => {
-            Bomb { lens: [128, 128, 64], channels: 3, block: [64, 128, 64], basis: Basis::Dft, ..base() }
-                .with_coefficients(true)
+        "alternating" => {
+            Bomb { lens: [128, 128, 64], channels: 3, block: [64, 128, 64], ..base() }.with_coefficients(true)
         }
+        "dft-full" => Bomb { lens: [128, 128, 64], channels: 3, block: [64, 128, 64], basis: Basis::Dft, ..base() }
+            .with_coefficients(true),
         // Many blocks of middling size with all coefficients: the cache holds few of them.
         "cells" => Bomb { lens: [512, 512, 128], channels: 3, block: [64; 3], ..base() }.with_coefficients(true),
         "masks" => Bomb { class: ValidityClass::MaskPerChannel, ..cube() }.with_coefficients(true),
         "zeros" => Bomb { zeros: true, ..cube() }.with_coefficients(true),
-        "corrections" => Bomb { zeros: true, correction: Some(0.1), ..cube() }.with_record(Content::Nothing),
+        "corrections" => Bomb { correction: Some(0.1), ..cube() }.with_record(Content::Nothing),
         "channels" => Bomb { lens: [64, 64, 64], ..cube() }.with_coefficients(true),
         "points" => Bomb { lens: [128, 128, 1], channels: 3, block: [1; 3], ..base() }.with_record(Content::Nothing),
         "million" => Bomb { lens: [1024, 1024, 1], block: [1; 3], ..base() },
@@ -214,7 +235,14 @@ pub(super) fn worst(name: &str) -> Vec<u8> {
         // Sampled positions are drawn anew for every channel of every block.
         "drawn" => {
             let sampling = Sampling::from_ratio(0.5).unwrap();
-            Bomb { lens: [512, 256, 256], channels: 8, block: [64, 128, 64], sampling, class: ValidityClass::All, ..base() }
+            Bomb {
+                lens: [512, 256, 256],
+                channels: 8,
+                block: [64, 128, 64],
+                sampling,
+                class: ValidityClass::All,
+                ..base()
+            }
         }
         .with_record(Content::Nothing),
         "lossless" => return lossless(),
