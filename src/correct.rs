@@ -4,6 +4,7 @@
 //! whether it has one, its magnitude, its sign. Outliers are few, cluster where the decoded values change fast, and are
 //! mostly common to the channels: the contexts are those three things.
 
+use crate::budget::refill;
 use crate::entropy::{OutOfRange, code_number};
 use crate::range::Coder;
 
@@ -41,12 +42,21 @@ struct Plane {
 }
 
 impl Plane {
-    fn clear(&mut self, rows: usize, row_len: usize) {
-        self.corrections.clear();
-        self.corrections.resize(rows * row_len, 0);
-        self.rows.clear();
-        self.rows.resize(rows, 0);
+    fn clear(&mut self, rows: usize, row_len: usize) -> Result<(), OutOfRange> {
+        refill(&mut self.corrections, rows * row_len, 0).map_err(|_| OutOfRange)?;
+        refill(&mut self.rows, rows, 0).map_err(|_| OutOfRange)
     }
+}
+
+/// Rows of a channel and their length, padded.
+fn padded([n0, n1, n2, n3]: [usize; 4]) -> [usize; 2] {
+    [n0 * (n1 + 1) * (n2 + 1), n3 + 1]
+}
+
+/// Bytes that a walk over a block takes.
+pub(crate) fn bytes_of_walk(shape: [usize; 4]) -> usize {
+    let [rows, length] = padded(shape);
+    3 * rows * (length + 1)
 }
 
 /// A block as the walk sees it.
@@ -62,6 +72,11 @@ pub(crate) struct Decoded<'a> {
 }
 
 impl Walk {
+    /// What its buffers take in memory.
+    pub(crate) fn bytes(&self) -> usize {
+        self.planes.iter().map(|plane| plane.corrections.capacity() + plane.rows.capacity()).sum()
+    }
+
     /// Codes the corrections of all channels, `[channel][position]`; a decoder finds them zero and leaves them filled.
     pub(crate) fn code<C: Coder>(
         &mut self,
@@ -72,7 +87,7 @@ impl Walk {
     ) -> Result<(), OutOfRange> {
         let [n0, n1, n2, n3] = block.shape;
         let n = n0 * n1 * n2 * n3;
-        let rows = n0 * (n1 + 1) * (n2 + 1);
+        let [rows, length] = padded(block.shape);
         // Most blocks have none and need no scratch.
         let mut prepared = false;
         let mut before = 0;
@@ -81,10 +96,10 @@ impl Walk {
             before = 1 + usize::from(any);
             if any && !prepared {
                 prepared = true;
-                self.planes.iter_mut().for_each(|plane| plane.clear(rows, n3 + 1));
+                self.planes.iter_mut().try_for_each(|plane| plane.clear(rows, length))?;
             } else if prepared {
                 self.planes.rotate_right(1);
-                self.planes[0].clear(rows, n3 + 1);
+                self.planes[0].clear(rows, length)?;
             }
             if any {
                 let masks =

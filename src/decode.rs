@@ -4,6 +4,7 @@
 mod bombs;
 mod buffer;
 mod contents;
+mod cost;
 pub(crate) mod lossless;
 pub(crate) mod point;
 mod rebuild;
@@ -13,6 +14,7 @@ mod tests;
 mod values;
 
 use crate::block::{Block, Partition, Place, Target};
+use crate::budget::{Budget, Call, Fault, Held};
 use crate::error::{Error, Result};
 use crate::format::directory::{self, Directory};
 use crate::format::header::{self, Coding};
@@ -41,6 +43,8 @@ pub struct Reader<D> {
     header: Header,
     index: Index,
     pruned: Pruned,
+    /// Of all calls together; `None` where each has its own.
+    budget: Option<Budget<'static>>,
 }
 
 /// What a decoder makes of blocks that were pruned from a file ([`Reader::with_pruned`]).
@@ -127,21 +131,60 @@ impl<D: AsRef<[u8]>> Reader<D> {
         let records = directory.require(directory::RECORDS)?;
         let index = directory.open(bytes, directory::INDEX)?;
         let (partition, channels) = (&header.partition, header.grid.channels().len());
+        // No more blocks than bytes are read.
+        let [work, memory] = cost::of_index(partition.block_count().min(records.range.len()), channels);
+        let budget = Budget::new(&limits, bytes.len());
+        budget.spend(work)?;
+        budget.hold(memory)?;
         let index = match is_compact(directory.version().2) {
             true => Index::read(index, partition, channels, records)?,
             false => Index::read_plain(index, partition.block_count(), channels, records)?,
         };
-        Ok(Reader { data, limits, directory, header, index, pruned: Pruned::default() })
+        drop(budget);
+        Ok(Reader { data, limits, directory, header, index, pruned: Pruned::default(), budget: None })
     }
 
     /// A reader of parts that were put together from a damaged file.
     pub(crate) fn of(data: D, limits: Limits, directory: Directory, header: Header, index: Index) -> Reader<D> {
-        Reader { data, limits, directory, header, index, pruned: Pruned::default() }
+        Reader { data, limits, directory, header, index, pruned: Pruned::default(), budget: None }
     }
 
     /// The same with another answer for blocks that were pruned.
     pub fn with_pruned(self, pruned: Pruned) -> Reader<D> {
         Reader { pruned, ..self }
+    }
+
+    /// The same with one budget ([`Limits::operations`], [`Limits::bytes`]) for all calls from now on, in place of one for each call:
+    /// for programs that ask many things of a file that they do not trust. Whole tables are bounded by [`Limits::table_values`] as
+    /// before.
+    pub fn with_one_budget(self) -> Reader<D> {
+        let budget = Budget::new(&self.limits, self.data.as_ref().len());
+        // What opening took is not given back; it was within the same bounds.
+        let _ = budget.hold(cost::of_index(self.block_count(), self.grid().channels().len())[1]);
+        Reader { budget: Some(budget), ..self }
+    }
+
+    /// What a call draws on.
+    pub(crate) fn call(&self) -> Call<'_> {
+        match &self.budget {
+            Some(budget) => Call::Shared(budget),
+            None => Call::Own(Budget::new(&self.limits, self.data.as_ref().len())),
+        }
+    }
+
+    /// What all calls draw on, if that is one budget.
+    pub(crate) fn one_budget(&self) -> Option<&Budget<'static>> {
+        self.budget.as_ref()
+    }
+
+    /// The limits that the file was opened with.
+    pub fn limits(&self) -> &Limits {
+        &self.limits
+    }
+
+    /// What a call on the whole table draws on: the number of values bounds its work.
+    pub(crate) fn whole_call(&self) -> Budget<'static> {
+        Budget::of_bytes(&self.limits, self.data.as_ref().len())
     }
 
     /// Major version, minor version and draft number (0 when final) of the file.
@@ -188,7 +231,6 @@ impl<D: AsRef<[u8]>> Reader<D> {
     }
 
     /// Bytes of the file.
-    #[cfg(feature = "encode")]
     pub(crate) fn len(&self) -> usize {
         self.data.as_ref().len()
     }
@@ -305,36 +347,54 @@ impl<D: AsRef<[u8]>> Reader<D> {
         if self.index.error_codes(block) == LOST { Error::Lost { block } } else { Error::Pruned { block } }
     }
 
-    pub(crate) fn decode_log(&self, block: usize, scratch: &mut Scratch) -> Result<Block> {
+    pub(crate) fn decode_log(&self, block: usize, scratch: &mut Scratch, budget: &Budget) -> Result<Block> {
         self.place(block)?;
         let record = self.record_to_decode(block)?;
-        self.rebuild(block, &record, scratch)
+        self.rebuild(block, &record, scratch, budget)
     }
 
-    /// Decodes what opening has left for the first block; fails if it is damaged.
-    pub(crate) fn prepare(&self) -> Result<()> {
+    /// Decodes what opening has left for the first block; fails if it is damaged, or takes more than the call may.
+    pub(crate) fn prepare(&self, budget: &Budget) -> Result<()> {
         self.header.probabilities.get()?;
-        if let Some(coded) = &self.header.coded_profile {
-            self.header.profile().map_err(|what| Error::corrupt("GRAZ", coded.offset, what))?;
+        let Some(coded) = &self.header.coded_profile else { return Ok(()) };
+        if let Some([work, bytes]) = self.header.cost_of_profile() {
+            budget.spend(work)?;
+            // It stays.
+            budget.hold(bytes)?;
         }
+        self.header.profile().map_err(|what| Error::corrupt("GRAZ", coded.offset, what))?;
         Ok(())
     }
 
-    fn rebuild(&self, block: usize, record: &Record, scratch: &mut Scratch) -> Result<Block> {
+    fn rebuild(&self, block: usize, record: &Record, scratch: &mut Scratch, budget: &Budget) -> Result<Block> {
         let place = self.place(block)?;
-        self.prepare()?;
+        self.prepare(budget)?;
+        let _held = self.begin(&place, record, budget)?;
         self.header
-            .rebuild(&place, record, self.index.means(block), scratch)
-            .map_err(|what| self.bad_record(block, what))?;
+            .rebuild(&place, record, self.index.means(block), scratch, budget)
+            .map_err(|fault| self.fault(block, fault))?;
         Ok(place)
     }
 
+    /// Counts what rebuilding a block takes at least, and its memory for as long as what it gives lives.
+    fn begin<'a>(&self, place: &Block, record: &Record, budget: &'a Budget) -> Result<Held<'a>> {
+        budget.spend(self.header.work_of_block(place, record.class))?;
+        budget.holding(self.header.bytes_of_block(place, record.class))
+    }
+
     /// The coefficients of a block of a file without corrections, in the scratch.
-    fn decode_coefficients(&self, block: usize, place: &Block, scratch: &mut Scratch) -> Result<()> {
+    fn decode_coefficients(&self, block: usize, place: &Block, scratch: &mut Scratch, budget: &Budget) -> Result<()> {
         let record = self.record_to_decode(block)?;
+        let _held = self.begin(place, &record, budget)?;
         let mut decoder = Decoder::new(self.header.probabilities.get()?, record.coded);
-        let decoded = self.header.decode_record(place, record.class, &mut decoder, scratch);
-        decoded.and_then(|()| decoder.check_end()).map_err(|what| self.bad_record(block, what))
+        let decoded = self.header.decode_record(place, record.class, &mut decoder, scratch, budget);
+        budget.spend(self.header.work_of_record(place, scratch))?;
+        decoded.and_then(|()| Ok(decoder.check_end()?)).map_err(|fault| self.fault(block, fault))
+    }
+
+    /// The error of a record that does not decode.
+    pub(crate) fn fault(&self, block: usize, fault: Fault) -> Error {
+        fault.error(|what| self.bad_record(block, what))
     }
 
     pub(crate) fn bad_record(&self, block: usize, what: &str) -> Error {
@@ -357,33 +417,51 @@ impl<D: AsRef<[u8]>> Reader<D> {
         if out.len() != expected {
             return Err(Error::InvalidArgument(format!("block {block} has {expected} values, not {}", out.len())));
         }
-        let positions = expected / self.grid().channels().len();
+        self.block_within(block, scratch, out, &self.call())
+    }
+
+    /// As [`Reader::block_with`], on a budget; `out` has the length.
+    pub(crate) fn block_within(
+        &self,
+        block: usize,
+        scratch: &mut Scratch,
+        out: &mut [f32],
+        budget: &Budget,
+    ) -> Result<()> {
+        let positions = out.len() / self.grid().channels().len();
+        // At most one for each of 4096 channels.
         let mut planes: Vec<&mut [f32]> = out.chunks_exact_mut(positions).collect();
-        self.values_to(block, scratch, Target::whole(&mut planes))
+        self.values_to(block, scratch, Target::whole(&mut planes), budget)
     }
 
     /// The values of a block to all of its memory.
-    fn values_to<P: Place<f32>>(&self, block: usize, scratch: &mut Scratch, target: Target<P>) -> Result<()> {
+    fn values_to<P: Place<f32>>(
+        &self,
+        block: usize,
+        scratch: &mut Scratch,
+        target: Target<P>,
+        budget: &Budget,
+    ) -> Result<()> {
         if self.coding().correction.is_some() {
-            self.decode_log(block, scratch)?;
+            self.decode_log(block, scratch, budget)?;
             target.put_all(self.header.values(scratch));
             return Ok(());
         }
         let place = self.place(block)?;
         let record = self.record_to_decode(block)?;
-        self.prepare()?;
+        self.prepare(budget)?;
+        let _held = self.begin(&place, &record, budget)?;
         let means = self.index.means(block);
-        if record.class.is_mean_only() && self.header.rows_of_means(&place, means, scratch) {
+        if record.class.is_mean_only() && self.header.rows_of_means(&place, means, scratch)? {
             self.header.to_channels(&mut scratch.log);
             target.fill(self.header.values(scratch), place.shape[3]);
             return Ok(());
         }
         self.header
-            .components(&place, &record, means, scratch)
-            .and_then(|decoder| decoder.check_end())
-            .map_err(|what| self.bad_record(block, what))?;
-        self.header.values_to(&place, scratch, target);
-        Ok(())
+            .components(&place, &record, means, scratch, budget)
+            .and_then(|decoder| Ok(decoder.check_end()?))
+            .map_err(|fault| self.fault(block, fault))?;
+        self.header.values_to(&place, scratch, target)
     }
 
     pub(crate) fn check_table_size(&self) -> Result<usize> {

@@ -32,7 +32,7 @@ use crate::dependent::Quantization;
 use crate::error::{Error, Result};
 use crate::format::header::Coding;
 use crate::format::metadata::Metadata;
-use crate::format::{EPS_RANGE, STEP_RANGE};
+use crate::format::{EPS_RANGE, Limits, STEP_RANGE};
 use crate::fourier::Basis;
 use crate::sample::Sampling;
 use crate::table::BrdfTable;
@@ -142,6 +142,14 @@ pub struct Report {
     pub missed_sigma: usize,
     /// Wall seconds of the whole encode.
     pub seconds: f64,
+}
+
+impl Report {
+    /// The number of values that readers must be allowed ([`Limits::table_values`], `csbrdf --limit`) to decode the file as a whole;
+    /// `None` where they allow it by default.
+    pub fn needs_limit(&self) -> Option<usize> {
+        (self.entries > Limits::default().table_values).then_some(self.entries)
+    }
 }
 
 /// An encode but for its metadata.

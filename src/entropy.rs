@@ -11,7 +11,9 @@ mod surroundings;
 pub(crate) use self::coefficients::Coefficients;
 pub(crate) use self::surroundings::WIDTH;
 use self::surroundings::{Neighbours, Step, quarters};
+use crate::budget::{self, Budget, Fault};
 use crate::dependent::{Quantization, State};
+use crate::error::{Error, Result};
 #[cfg(feature = "encode")]
 use crate::range::Costs;
 use crate::range::{Coder, Decoder};
@@ -53,6 +55,14 @@ pub(crate) trait Rows {
     fn choose(&mut self, _: &Around, _length: usize) {}
     /// The one at a position; a decoder's is not looked at.
     fn get(&self, position: usize) -> i32;
+    /// Told of how many rows are gone through.
+    #[inline(always)]
+    fn pass(&mut self, _rows: usize) {}
+    /// Told of how many integers a decoder may find on the row that comes, so that there is room.
+    #[inline(always)]
+    fn expect(&mut self, _length: usize) -> Result<(), OutOfRange> {
+        Ok(())
+    }
     /// Told of what a decoder finds that is not zero.
     #[inline(always)]
     fn find(&mut self, _position: usize, _q: i32) {}
@@ -79,6 +89,16 @@ impl Rows for Coefficients {
     #[inline(always)]
     fn get(&self, _: usize) -> i32 {
         0
+    }
+
+    #[inline(always)]
+    fn pass(&mut self, rows: usize) {
+        self.count_steps(rows);
+    }
+
+    #[inline(always)]
+    fn expect(&mut self, length: usize) -> Result<(), OutOfRange> {
+        self.make_room(length)
     }
 
     #[inline(always)]
@@ -140,13 +160,21 @@ impl Coded {
     }
 
     /// For a block whose padded rows have a length.
-    fn reserve(&mut self, rows: usize, length: usize) {
+    fn reserve(&mut self, [rows, length, coded]: [usize; 3]) -> Result<()> {
         self.clear();
-        self.rows.resize(rows.max(self.rows.len()), 0);
+        budget::lengthen(&mut self.rows, rows, 0)?;
+        budget::make_room(&mut self.touched, coded)?;
         // A step may read beyond the last.
-        self.magnitudes.resize((rows * length + WIDTH + 1).max(self.magnitudes.len()), 0);
+        budget::lengthen(&mut self.magnitudes, rows * length + WIDTH + 1, 0)
+    }
+
+    fn bytes(&self) -> usize {
+        self.magnitudes.capacity() + self.rows.capacity() + self.touched.capacity() * TOUCHED
     }
 }
+
+/// Bytes of an entry of the rows that were coded.
+const TOUCHED: usize = size_of::<(usize, std::ops::Range<usize>)>();
 
 /// Scratch of the walk.
 #[derive(Debug, Default)]
@@ -158,9 +186,20 @@ pub(crate) struct Walk {
     quarters: Vec<u8>,
 }
 
-/// A decoded extent or magnitude that no coded block holds.
+/// A decoded extent or magnitude that no coded block holds, or more integers than there is room for ([`Coefficients::refused`]).
 #[derive(Debug)]
 pub(crate) struct OutOfRange;
+
+/// Rows of a block and their length, padded, and rows that may be coded.
+fn padded([n0, n1, n2, n3]: [usize; 4]) -> [usize; 3] {
+    [(n0 + 1) * (n1 + 1) * (n2 + 2), n3 + 3, n0 * n1 * n2]
+}
+
+/// Bytes that a walk over a block takes.
+pub(crate) fn bytes_of_walk(shape: [usize; 4]) -> usize {
+    let [rows, length, coded] = padded(shape);
+    2 * (rows * (length + 1) + coded * TOUCHED)
+}
 
 impl Walk {
     /// Codes the coefficients of all channels, `[channel][position]`, but the first of each.
@@ -184,7 +223,7 @@ impl Walk {
         shape: [usize; 4],
         channels: impl Iterator<Item = impl Rows>,
     ) -> Result<(), OutOfRange> {
-        self.reserve(shape);
+        self.reserve(shape).map_err(|_| OutOfRange)?;
         for (channel, mut rows) in channels.enumerate() {
             self.channel(coder, quantization, channel, shape, &mut rows)?;
         }
@@ -199,20 +238,33 @@ impl Walk {
         shape: [usize; 4],
         channels: usize,
         coefficients: &mut Coefficients,
-    ) -> Result<(), OutOfRange> {
-        self.reserve(shape);
-        coefficients.clear();
+        budget: &Budget,
+    ) -> Result<(), Fault> {
+        self.reserve(shape)?;
+        coefficients.begin(budget.bytes_left());
         for channel in 0..channels {
-            self.channel(decoder, quantization, channel, shape, coefficients)?;
+            if self.channel(decoder, quantization, channel, shape, coefficients).is_err() {
+                let refused = coefficients.refused().map(|got| Error::LimitExceeded {
+                    what: "bytes of the coefficients of a block",
+                    got,
+                    limit: budget.bytes_left(),
+                });
+                return Err(refused.map_or("an extent or a coefficient is out of range".into(), Fault::Refused));
+            }
             coefficients.end_channel();
         }
         Ok(())
     }
 
-    fn reserve(&mut self, [n0, n1, n2, n3]: [usize; 4]) {
-        let rows = (n0 + 1) * (n1 + 1) * (n2 + 2);
-        self.now.reserve(rows, n3 + 3);
-        self.sister.reserve(rows, n3 + 3);
+    fn reserve(&mut self, shape: [usize; 4]) -> Result<()> {
+        let padded = padded(shape);
+        self.now.reserve(padded)?;
+        self.sister.reserve(padded)
+    }
+
+    /// What its buffers take in memory.
+    pub(crate) fn bytes(&self) -> usize {
+        self.now.bytes() + self.sister.bytes() + self.quarters.capacity()
     }
 
     fn channel<C: Coder>(
@@ -259,6 +311,7 @@ impl Walk {
         let strides = [(n1 + 1) * (n2 + 2), n2 + 2];
         let neighbours = Neighbours { above: row_len, before: strides[1] * row_len, outer: strides[0] * row_len };
         quarters(extents, &mut self.quarters);
+        rows.pass(extents[0] * extents[1] * extents[2]);
         for i in 0..extents[0] {
             for j in 0..extents[1] {
                 for k in 0..extents[2] {
@@ -279,6 +332,7 @@ impl Walk {
                     if !coder.bit(any, has_any) {
                         continue;
                     }
+                    rows.expect(extents[3])?;
                     self.now.rows[row] = 1;
                     self.now.touched.push((row, start..start + extents[3]));
                     self.row::<_, DEPENDENT>(coder, about, extents[3], rows)?;
@@ -464,8 +518,8 @@ mod tests {
             let bytes = encoder.finish();
             let mut decoder = Decoder::new(&probabilities, &bytes);
             let mut decoded = Coefficients::of_planes(&[0, 1], 2);
-            walk.decode(&mut decoder, quantization, shape, channels, &mut decoded).unwrap();
-            prop_assert_eq!(decoded.to_planes(channels, n), original);
+            walk.decode(&mut decoder, quantization, shape, channels, &mut decoded, &Budget::unbounded()).unwrap();
+            prop_assert_eq!(decoded.to_planes(channels, n).unwrap(), original);
             prop_assert_eq!(decoder.unread(), 0);
         }
 
@@ -474,8 +528,9 @@ mod tests {
             for quantization in [Quantization::Scalar, Quantization::Dependent] {
                 let mut coefficients = Coefficients::default();
                 let mut decoder = Decoder::new(&vec![p; SIGNIFICANT_ODD + ODD_CONTEXTS], &bytes);
-                let _ = Walk::default().decode(&mut decoder, quantization, [1, 5, 6, 37], 2, &mut coefficients);
-                let planes = coefficients.to_planes(2, 5 * 6 * 37);
+                let (mut walk, budget) = (Walk::default(), Budget::unbounded());
+                let _ = walk.decode(&mut decoder, quantization, [1, 5, 6, 37], 2, &mut coefficients, &budget);
+                let planes = coefficients.to_planes(2, 5 * 6 * 37).unwrap();
                 prop_assert!(planes.iter().all(|q| q.unsigned_abs() <= MAX_MAGNITUDE));
             }
         }

@@ -142,7 +142,10 @@ impl fmt::Display for Error {
                 )
             }
             Error::LimitExceeded { what, got, limit } => {
-                write!(f, "{what} is {got}, above the limit of {limit}; raise the limit if the file is trusted")
+                write!(
+                    f,
+                    "{what} is {got}, above the limit of {limit}; raise the limit if the file is trusted (--limit, Limits)"
+                )
             }
             Error::OutOfMemory { bytes } => {
                 write!(f, "no memory for {bytes} bytes; close other programs, or lower the limits to refuse such files")

@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use arc_swap::ArcSwapOption;
 
 use crate::block::unravel;
+use crate::budget::{Budget, filled};
 use crate::coords::{Around, BATCH, Batch, Lookup, batch_coordinates, grid_coordinates, neighbours};
 use crate::decode::point::Sparse;
 use crate::decode::{Reader, Scratch};
@@ -24,6 +25,15 @@ const SPARSE_SHARE: usize = 4;
 
 /// Values of a block whose rebuilding takes about as long as one look-up from its coefficients: 6 ns a value, 10 us.
 const VALUES_A_LOOKUP: usize = 2048;
+/// Operations of such a look-up. A dearer one counts as several: look-ups in a block never take much longer than rebuilding it.
+const LOOKUP: u64 = 12_288;
+
+/// Operations of decoding that each look-up brings with it, if it needs them. So renderers may go on for ever with a cache that is too
+/// small for an ordinary file, and no file takes longer than this for a look-up in the long run.
+const FREE: u64 = 1 << 16;
+
+/// Bytes of the buffers of decodes that are kept for the next one.
+const KEPT_SCRATCHES: usize = 16 << 20;
 
 /// Bytes of decoded blocks that are kept unless the caller says otherwise.
 const DEFAULT_BYTES: usize = 64 << 20;
@@ -52,6 +62,10 @@ impl Cached {
 /// that touches few values of a block does not pay for it, and a cache that is too small costs no more than twice what it must.
 ///
 /// Shared between threads by reference: finding a block in the cache takes no lock.
+///
+/// What it decodes counts towards [`Limits::operations`] over its whole life, less 65 us for each look-up that finds nothing in the
+/// cache: a file whose blocks are too large for the cache ends in `LimitExceeded`, where it would be rebuilt for ever. Of a reader with
+/// [one budget](Reader::with_one_budget) that discount grows with the bytes of the file, and files below 128 kB have none.
 pub struct Brdf<D> {
     reader: Reader<D>,
     lookup: Lookup,
@@ -69,8 +83,37 @@ pub struct Brdf<D> {
     touched: Vec<AtomicU64>,
     /// How often a block was rebuilt.
     rebuilt: AtomicUsize,
-    /// Buffers of decodes, one for each that ever went on at the same time.
-    scratch: Mutex<Vec<Scratch>>,
+    /// Buffers of decodes, as many as [`KEPT_SCRATCHES`] hold.
+    scratch: Mutex<Scratches>,
+    /// Of all look-ups together, where the reader has none.
+    budget: Budget<'static>,
+    /// Operations that a look-up brings with it.
+    free: u64,
+}
+
+/// Buffers that nobody uses at the moment, and their bytes.
+#[derive(Default)]
+struct Scratches {
+    list: Vec<Scratch>,
+    bytes: usize,
+}
+
+/// What a look-up draws on.
+#[derive(Clone, Copy)]
+struct Means<'a> {
+    budget: &'a Budget<'a>,
+    /// Operations that it brings with it.
+    free: u64,
+}
+
+impl Means<'_> {
+    /// Counts the part of some work that a look-up does not bring with it.
+    fn spend(self, work: u64) -> Result<()> {
+        match work.saturating_sub(self.free) {
+            0 => Ok(()),
+            more => self.budget.spend(more),
+        }
+    }
 }
 
 impl<D: AsRef<[u8]>> Brdf<D> {
@@ -86,7 +129,11 @@ impl<D: AsRef<[u8]>> Brdf<D> {
         }
         let sparse = (0..reader.block_count().min(SPARSE_BLOCKS)).map(|_| ArcSwapOption::empty()).collect();
         let touched = (0..reader.block_count().div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
+        let budget = Budget::new(reader.limits(), reader.len());
+        let free = if reader.one_budget().is_some() { (reader.len() as u64 >> 17 << 14).min(FREE) } else { FREE };
         let brdf = Brdf {
+            budget,
+            free,
             reader,
             lookup: Lookup::Linear,
             cache: Vec::new(),
@@ -169,7 +216,17 @@ impl<D: AsRef<[u8]>> Brdf<D> {
         if value.len() != channels {
             return Err(Error::InvalidArgument(format!("the file has {channels} channels, not {}", value.len())));
         }
-        self.at(grid_coordinates(grid, wi, wo), value)
+        self.at(grid_coordinates(grid, wi, wo), value, self.means())
+    }
+
+    /// As [`Brdf::eval_into`], all of it on the budget of a call that makes many look-ups.
+    pub(crate) fn eval_within(&self, budget: &Budget, wi: [f64; 3], wo: [f64; 3], value: &mut [f32]) -> Result<()> {
+        self.at(grid_coordinates(self.reader.grid(), wi, wo), value, Means { budget, free: 0 })
+    }
+
+    /// What look-ups of callers draw on.
+    fn means(&self) -> Means<'_> {
+        Means { budget: self.reader.one_budget().unwrap_or(&self.budget), free: self.free }
     }
 
     /// As [`Brdf::eval_into`] for many pairs, the same bits in less time: `values` is `[pair][channel]`.
@@ -193,12 +250,12 @@ impl<D: AsRef<[u8]>> Brdf<D> {
             let pairs = wi.iter().zip(wo).zip(values.chunks_exact_mut(channels));
             return pairs.into_iter().try_for_each(|((wi, wo), value)| self.eval_into(*wi, *wo, value));
         }
-        let mut batch = Batch::new();
+        let (mut batch, means) = (Batch::new(), self.means());
         let pairs = wi.chunks(BATCH).zip(wo.chunks(BATCH)).zip(values.chunks_mut(BATCH * channels));
         for ((wi, wo), values) in pairs {
             batch.fill(wi, wo);
             for (i, value) in values.chunks_exact_mut(channels).enumerate() {
-                self.at(batch_coordinates(grid, &batch, i, wi[i], wo[i]), value)?;
+                self.at(batch_coordinates(grid, &batch, i, wi[i], wo[i]), value, means)?;
             }
         }
         Ok(())
@@ -206,17 +263,17 @@ impl<D: AsRef<[u8]>> Brdf<D> {
 
     /// The value at grid coordinates; 0 where there are none.
     #[inline]
-    fn at(&self, coordinates: Option<[f64; 4]>, value: &mut [f32]) -> Result<()> {
+    fn at(&self, coordinates: Option<[f64; 4]>, value: &mut [f32], means: Means) -> Result<()> {
         value.fill(0.0);
         let Some(coordinates) = coordinates else { return Ok(()) };
-        self.sum(&neighbours(self.reader.grid(), coordinates, self.lookup), value)?;
+        self.sum(&neighbours(self.reader.grid(), coordinates, self.lookup), value, means)?;
         // Weights sum to one only up to rounding, and saturated values stand at the largest finite number.
         value.iter_mut().for_each(|v| *v = v.min(f32::MAX));
         Ok(())
     }
 
     /// Adds the weighted values of the bins around a place, at most sixteen.
-    fn sum(&self, around: &[Around; 4], value: &mut [f32]) -> Result<()> {
+    fn sum(&self, around: &[Around; 4], value: &mut [f32], means: Means) -> Result<()> {
         let near = around.map(|a| a.near);
         let Some(found) = self.reader.partition().find(near) else { return Ok(()) };
         let mut strides = [0; 4];
@@ -232,7 +289,10 @@ impl<D: AsRef<[u8]>> Brdf<D> {
             stride *= found.shape[a];
         }
         if let Some(a) = leaves.iter().position(|leaves| *leaves) {
-            // Both sides of the edge, each with its share.
+            // Both sides of the edge, each with its share. Few channels take no time worth counting.
+            if value.len() > MAX_STACK {
+                means.spend(value.len() as u64)?;
+            }
             let [mut below, mut above] = [*around; 2];
             let Around { near, far, weight } = around[a];
             (below[a], above[a]) = (Around { near, far: 0, weight: 0.0 }, Around { near: far, far: 0, weight: 0.0 });
@@ -240,7 +300,7 @@ impl<D: AsRef<[u8]>> Brdf<D> {
             let side = scratch_values(value.len(), &mut stack, &mut heap);
             for (around, share) in [(below, 1.0 - weight), (above, weight)] {
                 side.fill(0.0);
-                self.sum(&around, side)?;
+                self.sum(&around, side, means)?;
                 value.iter_mut().zip(&*side).for_each(|(value, side)| *value += side * share as f32);
             }
             return Ok(());
@@ -259,11 +319,19 @@ impl<D: AsRef<[u8]>> Brdf<D> {
                 count *= 2;
             }
         }
-        self.sum_in_block(found.block, found.shape, &taps[..count], value)
+        self.sum_in_block(found.block, found.shape, &taps[..count], value, means)
     }
 
     /// Adds weighted values of positions of a block.
-    fn sum_in_block(&self, block: usize, shape: [usize; 4], taps: &[(usize, f32)], value: &mut [f32]) -> Result<()> {
+    #[inline(always)]
+    fn sum_in_block(
+        &self,
+        block: usize,
+        shape: [usize; 4],
+        taps: &[(usize, f32)],
+        value: &mut [f32],
+        means: Means,
+    ) -> Result<()> {
         let (word, bit) = (&self.touched[block / 64], 1 << (block % 64));
         // Read first: a write would take the cache line away from other threads.
         if word.load(Ordering::Relaxed) & bit == 0 {
@@ -278,9 +346,27 @@ impl<D: AsRef<[u8]>> Brdf<D> {
             add(taps, &cached.values, value);
             return Ok(());
         }
-        if let Some(sparse) = self.sparse(block)? {
+        drop(found);
+        self.sum_uncached(block, shape, taps, value, means)
+    }
+
+    /// The same of a block that is not in the cache: from its coefficients until that has taken as long as rebuilding it would.
+    fn sum_uncached(
+        &self,
+        block: usize,
+        shape: [usize; 4],
+        taps: &[(usize, f32)],
+        value: &mut [f32],
+        means: Means,
+    ) -> Result<()> {
+        let mut paid = 1;
+        if let Some(sparse) = self.sparse(block, means)? {
             let most = shape.iter().product::<usize>() * value.len() / VALUES_A_LOOKUP;
-            if (sparse.uses.fetch_add(1, Ordering::Relaxed) as usize) < most {
+            let work = taps.len() as u64 * sparse.work;
+            let uses = (1 + work / LOOKUP).min(1 << 30) as u32;
+            let before = sparse.uses.fetch_add(uses, Ordering::Relaxed);
+            if before as usize + uses as usize <= most {
+                means.spend(work)?;
                 let (mut stack, mut heap) = ([0f32; MAX_STACK], Vec::new());
                 let point = scratch_values(value.len(), &mut stack, &mut heap);
                 for &(index, share) in taps {
@@ -289,9 +375,11 @@ impl<D: AsRef<[u8]>> Brdf<D> {
                 }
                 return Ok(());
             }
+            // What these look-ups brought with them pays for the rebuilding as well.
+            paid += u64::from(before);
             sparse.uses.store(0, Ordering::Relaxed);
         }
-        let cached = self.decode(block)?;
+        let cached = self.decode(block, Means { free: means.free.saturating_mul(paid), ..means })?;
         self.rebuilt.fetch_add(1, Ordering::Relaxed);
         add(taps, &cached.values, value);
         self.keep(cached);
@@ -322,7 +410,7 @@ impl<D: AsRef<[u8]>> Brdf<D> {
     }
 
     /// The coefficients of a block, if single values can be had from them and there is room to keep them.
-    fn sparse(&self, block: usize) -> Result<Option<Arc<Sparse>>> {
+    fn sparse(&self, block: usize, means: Means) -> Result<Option<Arc<Sparse>>> {
         let slot = &self.sparse[block % self.sparse.len()];
         if let Some(sparse) = slot.load_full().filter(|sparse| sparse.block == block) {
             return Ok(Some(sparse));
@@ -330,7 +418,8 @@ impl<D: AsRef<[u8]>> Brdf<D> {
         if self.sparse_bytes.load(Ordering::Relaxed) + self.reader.likely_sparse_bytes(block) > self.sparse_most {
             return Ok(None);
         }
-        let sparse = self.with_scratch(|scratch| self.reader.sparse_block(block, scratch))?.map(Arc::new);
+        let decode = |budget: &Budget| self.with_scratch(|scratch| self.reader.sparse_block(block, scratch, budget));
+        let sparse = means.budget.with_free(means.free, decode)?.map(Arc::new);
         let bytes = sparse.as_ref().map_or(0, |sparse| sparse.bytes());
         if self.sparse_bytes.fetch_add(bytes, Ordering::Relaxed) + bytes > self.sparse_most {
             // Coefficients that are not kept would be decoded again for every look-up, and the block never rebuilt.
@@ -344,21 +433,36 @@ impl<D: AsRef<[u8]>> Brdf<D> {
 
     fn with_scratch<T>(&self, work: impl FnOnce(&mut Scratch) -> T) -> T {
         let lock = || self.scratch.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut scratch = lock().pop().unwrap_or_default();
+        let mut scratch = {
+            let mut kept = lock();
+            let scratch = kept.list.pop().unwrap_or_default();
+            kept.bytes -= scratch.bytes();
+            scratch
+        };
         let result = work(&mut scratch);
-        lock().push(scratch);
+        // One large block would leave hundreds of megabytes for good.
+        let (mut kept, bytes) = (lock(), scratch.bytes());
+        if kept.bytes + bytes <= KEPT_SCRATCHES {
+            kept.bytes += bytes;
+            kept.list.push(scratch);
+        }
         result
     }
 
-    fn decode(&self, block: usize) -> Result<Cached> {
-        let mut planes = vec![0.0; self.reader.block_values(block)?];
-        self.with_scratch(|scratch| self.reader.block_with(block, scratch, &mut planes))?;
-        let channels = self.reader.grid().channels().len();
-        let mut values = vec![0.0; planes.len()];
-        for (c, plane) in planes.chunks_exact(planes.len() / channels).enumerate() {
-            values[c..].iter_mut().step_by(channels).zip(plane).for_each(|(value, v)| *value = *v);
-        }
-        Ok(Cached { block, values, used: AtomicBool::new(false) })
+    fn decode(&self, block: usize, means: Means) -> Result<Cached> {
+        means.budget.with_free(means.free, |budget| {
+            let size = self.reader.block_values(block)?;
+            // What stays is the cache's, which the caller bounds.
+            let _held = budget.holding(8 * size as u64)?;
+            let mut planes = filled(0.0, size)?;
+            self.with_scratch(|scratch| self.reader.block_within(block, scratch, &mut planes, budget))?;
+            let channels = self.reader.grid().channels().len();
+            let mut values = filled(0.0, size)?;
+            for (c, plane) in planes.chunks_exact(planes.len() / channels).enumerate() {
+                values[c..].iter_mut().step_by(channels).zip(plane).for_each(|(value, v)| *value = *v);
+            }
+            Ok(Cached { block, values, used: AtomicBool::new(false) })
+        })
     }
 }
 

@@ -97,21 +97,32 @@ pub const STEP_RANGE: std::ops::RangeInclusive<f32> = 1e-12..=1e6;
 /// Smallest and largest constant of the tone map, 1/sr.
 pub const EPS_RANGE: std::ops::RangeInclusive<f64> = 1e-300..=1e30;
 
-/// Limits on what a reader allocates for a file; the caller can lower or raise them.
+/// Limits on what a file may make a reader take; the caller can lower or raise them. Beyond them a call ends in
+/// [`Error::LimitExceeded`](crate::Error::LimitExceeded), which names the limit.
+///
+/// By default no file below 100 kB takes a call, or an evaluator over its life, more than about two seconds of a processor or 512 MB,
+/// but for whole tables. Each call has a budget of its own, or all calls on a reader have one together
+/// ([`Reader::with_one_budget`](crate::decode::Reader::with_one_budget)).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Most values (positions times channels) of a table that is decoded or verified as a whole. A decode holds the
+    /// Most values (positions times channels) of a table that is decoded, verified, or summed up as a whole. A decode holds the
     /// result (4 bytes a value, 9 with validity in double precision), at most 64 MB of addresses for each of them, some 20 MB for
-    /// the threads' shares, and a block a thread. It takes up to some 1 us of a processor a value (a hostile file with
-    /// long blocks; 20 ns is usual).
+    /// the threads' shares, and the buffers of as many blocks as threads work on: no more of them than `bytes` has room for. It takes
+    /// up to some 1 us of a processor a value (a hostile file with long blocks; 20 ns is usual), whatever `operations` says.
     pub table_values: usize,
-    /// Most values of one block, at most [`MAX_BLOCK_VALUES`], and of a table of the profile; rebuilding it takes 40 bytes a value at most.
+    /// Most values of one block, at most [`MAX_BLOCK_VALUES`], and of a table of the profile. Rebuilding one takes 4 bytes a value for
+    /// the logarithms (8 with three channels that are mixed), 1 each for a mask by channel and for exact zeros, 5 for corrections, 8 to
+    /// 16 for each coefficient that is not zero, and at most 200 bytes a position beside. These are counted to `bytes`.
     pub block_values: usize,
     /// Most operations that one call on a file may take, about a nanosecond of one processor each, besides 2^12 for each byte of
-    /// the file. A whole table is decoded and verified by `table_values` instead.
+    /// the file: opening, a block, its validity and origins, its exact values, importance, pruning, checking whether a material
+    /// could exist; and all that an evaluator decodes over its life ([`Brdf`](crate::eval::Brdf) says what is left out). What is
+    /// decoded of one record is counted when it is known, at most a third of a second later. Whole tables go by `table_values` instead.
     pub operations: u64,
-    /// Most bytes of memory that one call on a file may take, besides 16 for each byte of the file. A whole table that is decoded
-    /// goes by `table_values` instead.
+    /// Most bytes of memory that one call on a file may take beside its result and the caller's buffers, besides 16 for each byte of
+    /// the file. The evaluator's cache goes by
+    /// [`with_cache_bytes`](crate::eval::Brdf::with_cache_bytes), the table that is decoded by `table_values`, and the metadata by
+    /// [`MAX_METADATA`] instead.
     pub bytes: u64,
 }
 
@@ -119,6 +130,16 @@ impl Default for Limits {
     /// 2^28 values a table, [`MAX_BLOCK_VALUES`] a block, 10^9 operations, 2^28 bytes.
     fn default() -> Self {
         Limits { table_values: 1 << 28, block_values: MAX_BLOCK_VALUES, operations: 1_000_000_000, bytes: 1 << 28 }
+    }
+}
+
+impl Limits {
+    /// The default limits for tables of so many values: operations and bytes grow with them, and never fall below the defaults.
+    pub fn of_table(values: usize) -> Limits {
+        let usual = Limits::default();
+        let times = values.div_ceil(usual.table_values).max(1) as u64;
+        let [operations, bytes] = [usual.operations, usual.bytes].map(|limit| limit.saturating_mul(times));
+        Limits { table_values: values, operations, bytes, ..usual }
     }
 }
 

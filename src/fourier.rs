@@ -10,6 +10,8 @@ pub mod forward;
 
 use std::sync::OnceLock;
 
+use crate::budget::make_room;
+use crate::error::Result;
 use crate::exact::cos_turn;
 use crate::simd::Level;
 
@@ -61,7 +63,16 @@ pub(crate) struct AxisTable {
     sin: Vec<f32>,
 }
 
+impl Lines {
+    /// What they take in memory.
+    pub(crate) fn bytes(&self) -> usize {
+        let [from, to] = &self.buffers;
+        4 * (self.sums.capacity() + from.capacity() + to.capacity() + self.used.capacity())
+    }
+}
+
 impl AxisTable {
+    // Small by a constant: the squares of all lengths add up to 2^22 at most (`MAX_TABLE_ENTRIES`).
     fn new(basis: Basis, n: usize) -> AxisTable {
         match basis {
             Basis::Dct => {
@@ -126,15 +137,59 @@ impl Synthesis {
         terms: &[Term],
         values: &mut [f32],
         lines: &mut Lines,
-    ) {
+    ) -> Result<()> {
         debug_assert!(terms.first().is_some_and(|term| term.0 == 0), "the coefficient at index 0");
         let axes = shape.map(|n| self.axis(n));
         match self.basis {
+            Basis::Dct if terms.len() > 1 => {
+                // At most what the block has; the loops lengthen them, to fewer mostly.
+                for buffer in &mut lines.buffers {
+                    make_room(buffer, values.len())?;
+                }
+                make_room(&mut lines.used, values.len().min(terms.len()))?;
+                level.run(dct::Synthesize { axes, terms, values, lines });
+            }
             Basis::Dct => level.run(dct::Synthesize { axes, terms, values, lines }),
             Basis::Dft => {
+                lines.sums.clear();
+                make_room(&mut lines.sums, dft::sums(shape))?;
                 values.fill(0.0);
                 terms.iter().for_each(|&(position, value)| values[position as usize] = value);
                 level.run(dft::Synthesize { axes, values, scratch: &mut lines.sums });
+            }
+        }
+        Ok(())
+    }
+
+    /// Bytes of the buffers that a synthesis takes, terms included.
+    pub(crate) fn bytes(&self, shape: [usize; 4]) -> usize {
+        let n: usize = shape.iter().product();
+        let terms = size_of::<Term>() * n;
+        match self.basis {
+            Basis::Dct => terms + 4 * (2 * n + n / shape[3].max(1)),
+            Basis::Dft => terms + 4 * dft::sums(shape),
+        }
+    }
+
+    /// About the multiply-adds of a synthesis from so many terms.
+    pub(crate) fn work(&self, shape: [usize; 4], terms: usize) -> u64 {
+        let n = shape.iter().product::<usize>() as u64;
+        let mut lengths = shape.into_iter().rev().filter(|n| *n > 1).map(|n| n as u64);
+        match self.basis {
+            Basis::Dft => 4 * n * lengths.sum::<u64>(),
+            Basis::Dct if terms < 2 => n / 4,
+            Basis::Dct => {
+                let last = lengths.next().unwrap_or(1);
+                let terms = terms as u64;
+                let (mut inner, mut lines) = (last, terms.min(n / last));
+                // Each term to both sums of half a row; then of each line that has any to half the positions of the next axis.
+                let mut work = terms * last.max(16) + lines * last;
+                for length in lengths {
+                    work += lines * length.div_ceil(2) * inner;
+                    inner *= length;
+                    lines = lines.min(n / inner);
+                }
+                work
             }
         }
     }

@@ -75,7 +75,7 @@ impl<D: AsRef<[u8]>> Brdf<D> {
     /// What draws directions for this file: [`Importance::new`]. Nothing of it is kept here; keep it beside the `Brdf`.
     ///
     /// # Errors
-    /// `Corrupt` if a block is damaged, `LimitExceeded` if the table is above the caller's limit.
+    /// `Corrupt` if a block is damaged, `LimitExceeded` if the table is above the caller's limit or takes more than a call may.
     pub fn importance(&self) -> Result<Importance> {
         Importance::new(self.reader())
     }
@@ -92,7 +92,7 @@ impl Importance {
     /// grid: other weights than those of the whole file, and few draws lead there, but not none.
     ///
     /// # Errors
-    /// `Corrupt` if a block is damaged, `LimitExceeded` if the table is above the caller's limit.
+    /// `Corrupt` if a block is damaged, `LimitExceeded` if the table is above the caller's limit or takes more than a call may.
     pub fn new<D: AsRef<[u8]>>(reader: &Reader<D>) -> Result<Importance> {
         let marginal = Marginal::of(reader)?;
         Ok(Importance { rings: marginal.map(|marginal| Rings::new(|pair| marginal.at(pair))) })

@@ -7,8 +7,9 @@ mod measure;
 
 use std::fmt;
 
+use crate::budget::Budget;
 use crate::coords::closes;
-use crate::decode::{Origin, Reader};
+use crate::decode::Reader;
 use crate::error::Result;
 use crate::eval::Brdf;
 use crate::grid::{AxisName, Grid};
@@ -130,10 +131,22 @@ impl Findings {
 /// Looks at a file. Most blocks are decoded; takes some tenths of a second.
 ///
 /// # Errors
-/// `Corrupt` if a block is damaged, `Pruned` if one was left out, `LimitExceeded` if the table is above the caller's limit.
+/// `Corrupt` if a block is damaged, `Pruned` if one was left out, `LimitExceeded` if the table is above the caller's limit or takes
+/// more than a call may.
 pub fn lint_brdf<D: AsRef<[u8]>>(brdf: &Brdf<D>) -> Result<Findings> {
-    let shares = shares_of(brdf.reader())?;
-    look(brdf.reader().grid(), shares, |wi, wo, values| brdf.eval_into(wi, wo, values))
+    let (reader, call) = (brdf.reader(), brdf.reader().call());
+    let shares = shares_of(reader, &call)?;
+    let work = work_of_lookup(reader.grid());
+    look(reader.grid(), shares, |wi, wo, values| {
+        call.spend(work)?;
+        brdf.eval_within(&call, wi, wo, values)
+    })
+}
+
+/// Operations of a look-up in a cached block, and of adding its values up.
+fn work_of_lookup(grid: &Grid) -> u64 {
+    let values = grid.channels().len() << grid.axes().len();
+    300 + values as u64 / 4
 }
 
 /// Looks at a table: its colours, as [`Texels`] reads them.
@@ -207,17 +220,14 @@ fn is_reciprocal(grid: &Grid) -> bool {
     grid.axes().iter().all(|a| known(a.name)) && phi_d.is_none_or(|a| closes(&a) && half_turn(a.end - a.start))
 }
 
-fn shares_of<D: AsRef<[u8]>>(reader: &Reader<D>) -> Result<Shares> {
+fn shares_of<D: AsRef<[u8]>>(reader: &Reader<D>, budget: &Budget) -> Result<Shares> {
     reader.check_table_size()?;
     let mut shares = Shares::default();
     for block in 0..reader.block_count() {
-        for origin in reader.block_origin(block)? {
-            *match origin {
-                Origin::Sampled | Origin::Measured => &mut shares.measured,
-                Origin::Filled => &mut shares.missing,
-                Origin::Impossible => &mut shares.impossible,
-            } += 1;
-        }
+        let [sampled, measured, filled, impossible] = reader.origins(block, budget)?;
+        shares.measured += sampled + measured;
+        shares.missing += filled;
+        shares.impossible += impossible;
     }
     Ok(shares)
 }

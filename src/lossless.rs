@@ -203,6 +203,7 @@ fn taps(errors: &[Vec<f64>; 3], [_, n1, n2, n3]: [usize; 4], i: usize) -> [f64; 
 }
 
 impl Walk {
+    // Small by a constant: 26 bytes a position, of which a block has 2^21 at most (`MAX_BLOCK_POSITIONS`).
     fn start(&mut self, n: usize) {
         self.errors.iter_mut().for_each(|errors| refill(errors, n, 0.0));
         self.lengths.iter_mut().for_each(|lengths| refill(lengths, n, NONE));

@@ -22,6 +22,7 @@ impl MaskModel {
         MaskModel { horizon: horizon.zip(threshold) }
     }
 
+    // Small by a constant, here and below: a byte a position, of which a block has 2^21 at most (`MAX_BLOCK_POSITIONS`).
     /// Band of elevations of each position of a block; those of `BANDS / 2` and above are predicted valid.
     fn bands(&self, block: &Block) -> Vec<u8> {
         let Some((horizon, threshold)) = &self.horizon else { return vec![BANDS as u8 - 1; block.positions()] };

@@ -8,6 +8,7 @@ mod add;
 
 use self::add::Add;
 use crate::block::Block;
+use crate::budget::filled;
 use crate::exact::sin_cos;
 use crate::format::profile::TABLES;
 use crate::grid::{AxisName, Grid};
@@ -68,17 +69,23 @@ struct Row {
 }
 
 impl Profile {
-    /// Tables are `[component][bin][knot]`. `None` unless the grid can have a profile.
-    pub(crate) fn new(grid: &Grid, knots: usize, zone: f32, tables: [Vec<f32>; TABLES]) -> Option<Profile> {
-        let [bins_h, bins_d] = bins(grid)?;
-        let side_by_side = |table: usize| -> Vec<Lanes> {
+    /// Tables are `[component][bin][knot]`. Fails unless the grid can have a profile, and where there is no memory for it.
+    pub(crate) fn new(
+        grid: &Grid,
+        knots: usize,
+        zone: f32,
+        tables: [Vec<f32>; TABLES],
+    ) -> Result<Profile, &'static str> {
+        let [bins_h, bins_d] = bins(grid).ok_or("the grid has no profile")?;
+        let side_by_side = |table: usize| -> Result<Vec<Lanes>, &'static str> {
             let n = if table < 2 { bins_h } else { bins_d } * knots;
-            let mut lanes = vec![[0.0; LANES]; tables[table].len().div_ceil(LANES * n) * n];
+            let lanes = filled([0.0; LANES], tables[table].len().div_ceil(LANES * n) * n);
+            let mut lanes = lanes.map_err(|_| "no memory for the profile")?;
             for (i, value) in tables[table].iter().enumerate() {
                 let component = i / n;
                 lanes[component / LANES * n + i % n][component % LANES] = *value;
             }
-            lanes
+            Ok(lanes)
         };
         let angles = |axis: usize| {
             let axis = &grid.axes()[axis];
@@ -87,11 +94,12 @@ impl Profile {
         let last = (knots - 1) as f32;
         let cosines: Vec<f32> = angles(2).map(|(_, cos)| cos as f32).collect();
         let extremes = |step: &[f32]| step.iter().fold([1f32, -1.0], |[low, high], c| [low.min(*c), high.max(*c)]);
-        Some(Profile {
+        let [even_h, odd_h, even_d, odd_d] = std::array::from_fn(side_by_side);
+        Ok(Profile {
             knots,
             scale: last * last / zone,
             end: zone * 1.001,
-            tables: std::array::from_fn(side_by_side),
+            tables: [even_h?, odd_h?, even_d?, odd_d?],
             theta_h: angles(0).collect(),
             theta_d: angles(1).collect(),
             extremes: (0..cosines.len()).map(|p| extremes(&cosines[p..cosines.len().min(p + STEP)])).collect(),

@@ -5,6 +5,7 @@ mod recode;
 
 use serde_json::json;
 
+use crate::budget::Budget;
 use crate::decode::{Header, Reader, contexts};
 use crate::encode::fit_probabilities;
 use crate::error::{Error, Result};
@@ -91,7 +92,10 @@ impl<'a> Pruner<'a> {
             Some(channels) => Selection::new(reader.header(), channels)?,
             None => None,
         };
-        let job = Job { reader, touched: self.touched, selection: selection.as_ref(), detail };
+        let call = reader.call();
+        let job = Job { reader, touched: self.touched, selection: selection.as_ref(), detail, budget: &call };
+        let channels = reader.grid().channels().len() as u64;
+        call.hold(reader.block_count() as u64 * (ENTRY + 4 * channels))?;
         match &selection {
             Some(selection) => job.with_channels(selection),
             None => {
@@ -107,6 +111,15 @@ impl<'a> Pruner<'a> {
     }
 }
 
+/// Bytes of a value of a block that is coded again: planes of coefficients, of all channels and of those kept; what is decoded to
+/// them, masks, exact zeros, corrections with the values before them, and the copies of those kept. Beside what the finest
+/// coefficients take to be found.
+const RECODED: u64 = 40;
+/// Operations of coding a value again.
+const RECODING: u64 = 16;
+/// Bytes of an entry of the new index beside its means.
+const ENTRY: u64 = 64;
+
 type Section = (&'static str, bool, Vec<u8>);
 
 /// One pruning.
@@ -115,6 +128,7 @@ struct Job<'a, D> {
     touched: Option<&'a Touched>,
     selection: Option<&'a Selection>,
     detail: f64,
+    budget: &'a Budget<'a>,
 }
 
 impl<D: AsRef<[u8]>> Job<'_, D> {
@@ -151,12 +165,16 @@ impl<D: AsRef<[u8]>> Job<'_, D> {
     /// Codes what is kept of a block.
     fn recode<C: Coder>(&self, recoder: &mut Recoder, block: usize, record: &Record, coder: &mut C) -> Result<Remains> {
         let place = self.reader.place(block)?;
-        self.reader.prepare()?;
-        let remains = recoder.take_apart(&place, record, self.reader.means(block)).and_then(|mut remains| {
-            recoder.code(coder, &place, &mut remains)?;
-            Ok(remains)
-        });
-        remains.map_err(|what| self.reader.bad_record(block, what))
+        self.reader.prepare(self.budget)?;
+        let values = self.reader.block_values(block)? as u64;
+        let _held = self.budget.holding(RECODED * values)?;
+        self.budget.spend(RECODING * values)?;
+        let remains =
+            recoder.take_apart(&place, record, self.reader.means(block), self.budget).and_then(|mut remains| {
+                recoder.code(coder, &place, &mut remains)?;
+                Ok(remains)
+            });
+        remains.map_err(|fault| self.reader.fault(block, fault))
     }
 
     /// The file, after the sections that all blocks share.

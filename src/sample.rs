@@ -78,6 +78,7 @@ pub fn sample_positions(seed: u64, sampling: Sampling, valid: &[bool]) -> Vec<u3
     let Sampling::Bernoulli { threshold } = sampling else {
         return available().collect();
     };
+    // Small by a constant: eight bytes a position, of which a block has 2^21 at most.
     // next[i] leads to the first available position at or after i; taken ones are linked past (union-find).
     let n = valid.len();
     let mut next: Vec<u32> = (0..=n as u32).collect();

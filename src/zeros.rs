@@ -3,6 +3,8 @@
 //! Where a measurement fell below its floor, its logarithm has an edge that no sparse spectrum holds. Such entries are
 //! told apart by a mask and decode to exactly zero; to the transform they are holes.
 
+use crate::budget::lengthen;
+use crate::error::Result;
 use crate::range::Coder;
 
 /// States of a channel's zeros within a block, and that of "no channel before".
@@ -32,7 +34,7 @@ pub(crate) fn code_zeros<'a, C: Coder>(
     channels: usize,
     masks: impl FnOnce() -> &'a [bool],
     zeros: &mut Vec<bool>,
-) {
+) -> Result<()> {
     let n: usize = shape.iter().product();
     let [_, n1, n2, n3] = shape;
     let (mut masks, mut told) = (Some(masks), None);
@@ -49,7 +51,7 @@ pub(crate) fn code_zeros<'a, C: Coder>(
             continue;
         }
         if C::READS {
-            zeros.resize(channels * n, false);
+            lengthen(zeros, channels * n, false)?;
         }
         if let Some(masks) = masks.take() {
             told = Some(masks());
@@ -109,6 +111,7 @@ pub(crate) fn code_zeros<'a, C: Coder>(
         }
         *coder = held;
     }
+    Ok(())
 }
 
 /// Whether an entry is zero, by what is around it and whether the two before on the row are.
@@ -180,7 +183,7 @@ mod tests {
             let probabilities: Vec<u16> = (0..CONTEXTS).map(|_| random.next_u64() as u16 | 1).collect();
             let [mut plain, mut encoder] = [Encoder::new(&probabilities), Encoder::new(&probabilities)];
             by_the_specification(&mut plain, shape, channels, &masks, &zeros);
-            code_zeros(&mut encoder, 0, shape, channels, || &masks, &mut zeros.clone());
+            code_zeros(&mut encoder, 0, shape, channels, || &masks, &mut zeros.clone()).unwrap();
             prop_assert_eq!(plain.finish(), encoder.finish());
         }
 
@@ -197,10 +200,10 @@ mod tests {
                 .collect();
             let probabilities = vec![30000; CONTEXTS];
             let mut encoder = Encoder::new(&probabilities);
-            code_zeros(&mut encoder, 0, shape, channels, || &masks, &mut zeros.clone());
+            code_zeros(&mut encoder, 0, shape, channels, || &masks, &mut zeros.clone()).unwrap();
             let bytes = encoder.finish();
             let mut decoded = vec![true; 5];
-            code_zeros(&mut Decoder::new(&probabilities, &bytes), 0, shape, channels, || &masks, &mut decoded);
+            code_zeros(&mut Decoder::new(&probabilities, &bytes), 0, shape, channels, || &masks, &mut decoded).unwrap();
             prop_assert_eq!(decoded, if zeros.contains(&true) { zeros } else { Vec::new() });
         }
     }

@@ -1,120 +1,20 @@
 //! Small files that claim much, written with valid checksums: what they cost is bounded by the caller's limits, and refused before
 //! it is paid.
 
+mod make;
+
 use std::time::Instant;
 
+use self::make::{Bomb, QUANTIZATION, WORST, wide, worst};
 use super::{Pruned, Reader};
-use crate::block::Partition;
-use crate::channel::ChannelTransform;
 use crate::decode::contexts;
-use crate::dependent::Quantization;
-use crate::entropy::Walk;
 use crate::error::Error;
 use crate::format::Limits;
 use crate::format::directory::{self, write_file};
-use crate::format::header::{Coding, write_coding, write_grid, write_partition};
-use crate::format::index::{Entry, write_index};
+use crate::format::header::{write_grid, write_partition};
 use crate::format::probabilities::write_probabilities;
-use crate::format::profile::{CodedProfile, write_profile};
-use crate::format::record::{Record, ValidityClass};
-use crate::fourier::Basis;
-use crate::grid::{Axis, AxisName, Channel, Grid, Mapping};
-use crate::range::Encoder;
+use crate::format::profile::CodedProfile;
 use crate::salvage::salvage_with_limits;
-use crate::sample::Sampling;
-
-/// A file of one shape of blocks, all with the same coded bytes.
-#[derive(Clone)]
-struct Bomb {
-    lens: [usize; 3],
-    channels: usize,
-    block: [usize; 3],
-    class: ValidityClass,
-    coded: Vec<u8>,
-    profile: Option<CodedProfile>,
-    metadata: Option<Vec<u8>>,
-    exact: Option<Vec<u8>>,
-    basis: Basis,
-}
-
-const QUANTIZATION: Quantization = Quantization::Scalar;
-
-impl Default for Bomb {
-    fn default() -> Bomb {
-        let class = ValidityClass::None;
-        let (lens, block) = ([8; 3], [8; 3]);
-        let (coded, basis) = (vec![], Basis::Dct);
-        Bomb { lens, channels: 1, block, class, coded, profile: None, metadata: None, exact: None, basis }
-    }
-}
-
-fn even_odds() -> Vec<u16> {
-    vec![1 << 15; contexts(QUANTIZATION)]
-}
-
-impl Bomb {
-    fn grid(&self) -> Grid {
-        let axis = |name, len| Axis { name, len, mapping: Mapping::Linear, start: 0.0, end: 1.5 };
-        let names = [AxisName::ThetaH, AxisName::ThetaD, AxisName::PhiD];
-        let axes = names.into_iter().zip(self.lens).map(|(name, len)| axis(name, len)).collect();
-        let channel = |_| Channel { name: String::new(), wavelength: None, scale: 1.0 };
-        Grid::new(axes, (0..self.channels).map(channel).collect()).unwrap()
-    }
-
-    fn partition(&self) -> Partition {
-        let [a, b, c] = self.block;
-        Partition::uniform(self.grid().shape(), [1, a, b, c]).unwrap()
-    }
-
-    fn file(&self) -> Vec<u8> {
-        let (grid, partition) = (self.grid(), self.partition());
-        let coding = Coding {
-            basis: self.basis,
-            quantization: QUANTIZATION,
-            eps: 1e-3,
-            sampling: Sampling::Every,
-            seed: 0,
-            transform: ChannelTransform::None,
-            steps: vec![0.1; self.channels],
-            shrink: [0; 2],
-            horizon: None,
-            zeros: false,
-            correction: None,
-        };
-        let (mut records, mut entries) = (Vec::new(), Vec::new());
-        for block in 0..partition.block_count() {
-            let record = Record { class: self.class, doublings: 0, coded: &self.coded }.write(block as u32);
-            entries.push(Entry { length: record.len() as u32, errors: [0; 2], means: vec![0; self.channels] });
-            records.extend(record);
-        }
-        let mut sections = vec![
-            (directory::GRID, false, write_grid(&grid)),
-            (directory::CODING, false, write_coding(&coding)),
-            (directory::PARTITION, false, write_partition(&partition, 3)),
-            (directory::PROBABILITIES, false, write_probabilities(&vec![None; contexts(QUANTIZATION)])),
-        ];
-        sections.extend(self.profile.as_ref().map(|profile| (directory::PROFILE, false, write_profile(profile))));
-        sections.push((directory::INDEX, false, write_index(&partition, &entries)));
-        sections.extend(self.metadata.clone().map(|metadata| (directory::METADATA, true, metadata)));
-        sections.push((directory::RECORDS, false, records));
-        sections.extend(self.exact.clone().map(|exact| (directory::EXACT, true, exact)));
-        write_file((1, 0, 4), &sections)
-    }
-
-    /// The same with coefficients in every block, as many as there are or the last one alone.
-    fn with_coefficients(self, all: bool) -> Bomb {
-        let n: usize = self.block.iter().product();
-        let mut planes = vec![0i32; n * self.channels];
-        for plane in planes.chunks_exact_mut(n) {
-            plane[1..].fill(i32::from(all));
-            plane[n - 1] = 1;
-        }
-        let [a, b, c] = self.block;
-        let mut coder = Encoder::new(&even_odds());
-        Walk::default().code(&mut coder, QUANTIZATION, [1, a, b, c], &planes).unwrap();
-        Bomb { class: ValidityClass::All, coded: coder.finish(), ..self }
-    }
-}
 
 fn is_limit<T>(result: Result<T, Error>) -> bool {
     matches!(result, Err(Error::LimitExceeded { .. }))
@@ -248,10 +148,118 @@ fn metadata_are_bounded() {
     assert!(Reader::open(Bomb { metadata: Some(metadata), ..Bomb::default() }.file()).unwrap().metadata().is_err());
 }
 
-/// A megabyte of as many objects as may be, and of numbers.
-fn wide() -> String {
-    let objects = "{\"other\":[".to_string() + &"{\"\":0},".repeat((1 << 14) - 2);
-    objects.clone() + &"0,".repeat(((1 << 20) - objects.len() - 3) / 2) + "0]}"
+/// Tight limits on operations and bytes: each call is within them, or names the one that it would break, and ends soon.
+#[test]
+fn every_call_draws_on_the_budget() {
+    use crate::eval::Brdf;
+    use crate::importance::Importance;
+    use crate::lint::lint_brdf;
+    use crate::prune::Pruner;
+    for name in ["corner", "corner-dft", "corrections", "drawn", "lossless", "rows", "profile-wide"] {
+        let file = worst(name);
+        let start = Instant::now();
+        for limits in [
+            Limits { operations: 0, bytes: 1 << 24, ..Limits::default() },
+            Limits { operations: 1 << 20, bytes: 0, ..Limits::default() },
+        ] {
+            let open = || Reader::open_with_limits(&file[..], limits).map(|reader| reader.with_pruned(Pruned::Coarse));
+            let reader = match open() {
+                Ok(reader) => reader,
+                Err(e) => {
+                    assert!(matches!(e, Error::LimitExceeded { .. }), "{name}: {e}");
+                    continue;
+                }
+            };
+            let named = |what: &str, result: Result<(), Error>| {
+                assert!(
+                    matches!(&result, Ok(()) | Err(Error::LimitExceeded { .. } | Error::Corrupt { .. })),
+                    "{name}, {what}: {result:?}"
+                );
+                result.is_err()
+            };
+            let mut values = vec![0.0; reader.block_values(0).unwrap()];
+            let mut refused = named("block", reader.block_into(0, &mut values));
+            refused |= named("validity", reader.block_validity(0).map(|_| ()));
+            refused |= named("origin", reader.block_origin(0).map(|_| ()));
+            refused |= named("origins", reader.block_origins(0).map(|_| ()));
+            refused |= named("info", reader.block_info(0).map(|_| ()));
+            refused |= named("importance", Importance::new(&reader).map(|_| ()));
+            refused |= named("prune", Pruner::new().channels(&[0]).detail(0.0).prune(&reader).map(|_| ()));
+            let brdf = Brdf::open(reader).unwrap();
+            let mut value = vec![0.0; brdf.reader().grid().channels().len()];
+            refused |= named("eval", brdf.eval_into([0.3, 0.1, 0.9], [-0.4, 0.2, 0.8], &mut value));
+            refused |= named("lint", lint_brdf(&brdf).map(|_| ()));
+            assert!(refused, "{name}: within {limits:?}");
+        }
+        assert!(start.elapsed().as_secs() < 30, "{name}: {:?}", start.elapsed());
+    }
+}
+
+/// Blocks that the cache cannot hold together are not rebuilt for ever, and what one leaves behind is not kept.
+#[test]
+fn look_ups_in_turn_end() {
+    use crate::eval::Brdf;
+    let file = worst("alternating");
+    let limits = Limits { operations: 200_000_000, ..Limits::default() };
+    let open = |one: bool| {
+        let reader = Reader::open_with_limits(&file[..], limits).unwrap();
+        Brdf::open(if one { reader.with_one_budget() } else { reader }).unwrap().with_cache_bytes(1 << 20)
+    };
+    for one in [false, true] {
+        let (brdf, start) = (open(one), Instant::now());
+        // Half vectors near the normal and near the horizon.
+        let pairs = [([0.0, 0.0, 1.0], [0.1, 0.0, 0.995]), ([0.97, 0.0, 0.24], [0.97, 0.0, 0.24])];
+        let refused = (0..10_000).find_map(|i| brdf.eval(pairs[i % 2].0, pairs[i % 2].1).err());
+        assert!(is_limit::<()>(Err(refused.expect("refused"))), "{one}");
+        assert!(start.elapsed().as_secs() < 30);
+    }
+}
+
+/// All calls of one budget, each of which is within the limits.
+#[test]
+fn many_calls_draw_on_one_budget() {
+    let file = Bomb { lens: [64; 3], block: [16; 3], channels: 3, ..Bomb::default() }.with_coefficients(true).file();
+    let limits = Limits { operations: 1 << 20, ..Limits::default() };
+    let reader = Reader::open_with_limits(&file[..], limits).unwrap();
+    let mut values = vec![0.0; reader.block_values(0).unwrap()];
+    for _ in 0..3 {
+        (0..64).for_each(|block| reader.block_into(block, &mut values).unwrap());
+    }
+    let whole = reader.decode_all().unwrap();
+    let reader = reader.with_one_budget();
+    // What the file's bytes buy as well.
+    let calls = (0..100_000).take_while(|i| reader.block_into(i % 64, &mut values).is_ok()).count();
+    assert!((10..10_000).contains(&calls), "{calls}");
+    assert!(is_limit(reader.block_into(0, &mut values)) && is_limit(reader.block_info(0)));
+    // Whole tables go by their size.
+    assert_eq!(reader.decode_all().unwrap(), whole);
+}
+
+/// As many threads as there is memory for, and the same values.
+#[test]
+fn threads_wait_for_memory() {
+    let file = Bomb { lens: [64; 3], block: [32; 3], channels: 3, ..Bomb::default() }.with_coefficients(true).file();
+    let whole = Reader::open(&file[..]).unwrap().decode_all().unwrap();
+    let limits = |bytes| Limits { bytes, ..Limits::default() };
+    let reader = Reader::open_with_limits(&file[..], limits(4 << 20)).unwrap();
+    assert_eq!(reader.most_scratches(), 1);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(8).build().unwrap();
+    pool.install(|| {
+        assert_eq!(reader.decode_all().unwrap(), whole);
+        assert!(reader.verify().is_empty());
+        let tight = Reader::open_with_limits(&file[..], limits(1 << 16)).unwrap();
+        assert!(is_limit(tight.decode_all()) && is_limit(tight.verify().pop().map_or(Ok(()), Err)));
+    });
+}
+
+/// Writes all of the worst files into the folder that BOMBS names, for `tools/bombs.py`.
+#[test]
+#[ignore = "writes files"]
+fn write_bombs() {
+    let Ok(folder) = std::env::var("BOMBS") else { return };
+    for name in WORST {
+        std::fs::write(std::path::Path::new(&folder).join(format!("{name}.csbrdf")), worst(name)).unwrap();
+    }
 }
 
 /// Peak memory of the process, kB.
@@ -269,7 +277,7 @@ fn bombs_cost() {
     let name = std::env::var("BOMB").unwrap_or_default();
     let path = std::env::temp_dir().join(format!("bomb-{name}.csbrdf"));
     if std::env::var("MAKE").is_ok() {
-        std::fs::write(&path, worst(&name).file()).unwrap();
+        std::fs::write(&path, worst(&name)).unwrap();
         return;
     }
     let Ok(bytes) = std::fs::read(&path) else { return };
@@ -294,26 +302,4 @@ fn bombs_cost() {
         decoded.as_secs_f64(),
         (peak() - before) / 1000
     );
-}
-
-/// A file by its name.
-fn worst(name: &str) -> Bomb {
-    let base = Bomb::default;
-    match name {
-        "empty" => Bomb { lens: [512, 256, 256], channels: 8, block: [64, 128, 64], ..base() },
-        "corner" => Bomb { lens: [512, 1024, 512], block: [1, 1024, 512], ..base() }.with_coefficients(false),
-        "corner-dft" => {
-            Bomb { lens: [512, 1024, 512], block: [1, 1024, 512], basis: Basis::Dft, ..base() }.with_coefficients(false)
-        }
-        "full" => Bomb { lens: [64, 512, 1024], block: [1, 512, 1024], ..base() }.with_coefficients(true),
-        "rows" => Bomb { lens: [16384, 16384, 1], block: [512, 1024, 1], ..base() },
-        "blocks" => Bomb { lens: [256, 256, 64], block: [1, 1, 1], ..base() },
-        "spectral" => Bomb { lens: [64, 64, 1], channels: 4096, block: [1, 1, 1], ..base() },
-        "metadata" => {
-            let mut metadata = (wide().len() as u32).to_le_bytes().to_vec();
-            metadata.extend(zstd::bulk::compress(wide().as_bytes(), 3).unwrap());
-            Bomb { metadata: Some(metadata), ..base() }
-        }
-        _ => panic!("no bomb {name}"),
-    }
 }

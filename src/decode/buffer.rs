@@ -2,6 +2,9 @@
 
 use std::ops::{Deref, DerefMut};
 
+use crate::budget::lengthen;
+use crate::error::Result;
+
 /// Values of the block at hand. What it shrinks by stays, for the next larger block, which need not be zeroed again.
 #[derive(Debug, Default)]
 pub(crate) struct Buffer<T> {
@@ -11,11 +14,18 @@ pub(crate) struct Buffer<T> {
 
 impl<T: Copy + Default> Buffer<T> {
     /// So many values, whatever stands in them.
-    pub(crate) fn resize(&mut self, len: usize) {
-        if self.values.len() < len {
-            self.values.resize(len, T::default());
-        }
+    ///
+    /// # Errors
+    /// `OutOfMemory`.
+    pub(crate) fn resize(&mut self, len: usize) -> Result<()> {
+        lengthen(&mut self.values, len, T::default())?;
         self.len = len;
+        Ok(())
+    }
+
+    /// What it takes in memory.
+    pub(crate) fn bytes(&self) -> usize {
+        self.values.capacity() * size_of::<T>()
     }
 }
 

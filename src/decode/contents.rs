@@ -2,6 +2,7 @@
 
 use super::Reader;
 use crate::block::{Block, positions};
+use crate::budget::{Budget, repeated};
 use crate::error::Result;
 use crate::format::record::{Record, ValidityClass};
 use crate::range::Decoder;
@@ -49,14 +50,38 @@ impl<D: AsRef<[u8]>> Reader<D> {
     /// # Errors
     /// As [`Reader::block_into`].
     pub fn block_validity(&self, block: usize) -> Result<Vec<bool>> {
+        self.validity(block, &self.call())
+    }
+
+    fn validity(&self, block: usize, budget: &Budget) -> Result<Vec<bool>> {
+        let _held = budget.holding(self.block_values(block)? as u64)?;
+        let (place, masks) = self.masks(block, budget)?;
+        if masks.len() > place.positions() {
+            return Ok(masks);
+        }
+        budget.spend(self.block_values(block)? as u64 / 8)?;
+        repeated(&masks, self.grid().channels().len())
+    }
+
+    /// A block's place, and its validity: of each channel, or once where all have the same.
+    fn masks(&self, block: usize, budget: &Budget) -> Result<(Block, Vec<bool>)> {
         let place = self.place(block)?;
         let record = self.record(block)?;
+        let [work, bytes] = self.header.of_validity(&place, record.class);
+        budget.spend(work)?;
+        let _held = budget.holding(bytes)?;
         let mut masks = Vec::new();
         let mut decoder = Decoder::new(self.header.probabilities.get()?, record.coded);
-        self.header.decode_masks(&place, record.class, &mut decoder, &mut masks);
-        let channels = self.grid().channels().len();
-        let copies = if record.class == ValidityClass::MaskPerChannel { 1 } else { channels };
-        Ok(masks.repeat(copies))
+        self.header.decode_masks(&place, record.class, &mut decoder, &mut masks)?;
+        Ok((place, masks))
+    }
+
+    /// Which positions of a block are in bins wholly below the horizon; `None`: the grid has no such.
+    fn impossible(&self, place: Block) -> Option<impl Iterator<Item = bool>> {
+        let horizon = self.header.horizon()?;
+        Some(
+            positions(place.shape).map(move |p| horizon.is_impossible(std::array::from_fn(|a| place.origin[a] + p[a]))),
+        )
     }
 
     /// Where each entry of a block comes from, `[channel][position]`.
@@ -64,18 +89,21 @@ impl<D: AsRef<[u8]>> Reader<D> {
     /// # Errors
     /// As [`Reader::block_into`].
     pub fn block_origin(&self, block: usize) -> Result<Vec<Origin>> {
+        let budget = &self.call();
         let place = self.place(block)?;
-        let valid = self.block_validity(block)?;
+        let valid = self.validity(block, budget)?;
         let sampling = self.coding().sampling.doubled(self.record(block)?.doublings);
-        let horizon = self.header.horizon();
-        let mut origins: Vec<Origin> = positions(place.shape)
-            .map(|p| {
-                let at = std::array::from_fn(|a| place.origin[a] + p[a]);
-                if horizon.is_some_and(|h| h.is_impossible(at)) { Origin::Impossible } else { Origin::Filled }
-            })
-            .collect();
-        origins = origins.repeat(self.grid().channels().len());
+        let channels = self.grid().channels().len();
+        let [work, bytes] = self.header.of_origins(&place, channels, sampling != Sampling::Every);
+        budget.spend(work + 2 * valid.len() as u64)?;
+        let _held = budget.holding(bytes + 2 * valid.len() as u64)?;
         let n = place.positions();
+        let of_one: Vec<Origin> = match self.impossible(place) {
+            // A byte a position.
+            Some(all) => all.map(|is| if is { Origin::Impossible } else { Origin::Filled }).collect(),
+            None => vec![Origin::Filled; n],
+        };
+        let mut origins = repeated(&of_one, channels)?;
         for (channel, valid) in valid.chunks_exact(n).enumerate() {
             let origins = &mut origins[channel * n..(channel + 1) * n];
             for (origin, _) in origins.iter_mut().zip(valid).filter(|(_, valid)| **valid) {
@@ -88,6 +116,49 @@ impl<D: AsRef<[u8]>> Reader<D> {
         Ok(origins)
     }
 
+    /// How many entries of a block come from where, in the order of [`Origin`]'s variants: what counting those of
+    /// [`Reader::block_origin`] gives, at less cost.
+    ///
+    /// # Errors
+    /// As [`Reader::block_into`].
+    pub fn block_origins(&self, block: usize) -> Result<[usize; 4]> {
+        self.origins(block, &self.call())
+    }
+
+    /// As [`Reader::block_origins`], on a budget.
+    pub(crate) fn origins(&self, block: usize, budget: &Budget) -> Result<[usize; 4]> {
+        let (place, masks) = self.masks(block, budget)?;
+        let _held = budget.holding(masks.len() as u64)?;
+        let sampling = self.coding().sampling.doubled(self.record(block)?.doublings);
+        let n = place.positions();
+        let (each, copies) = (masks.len() / n, self.grid().channels().len() * n / masks.len());
+        let [work, bytes] = self.header.of_origins(&place, each, sampling != Sampling::Every);
+        budget.spend(work)?;
+        let _also = budget.holding(bytes)?;
+        let mut counts = [0; 4];
+        for valid in masks.chunks_exact(n) {
+            let measured = valid.iter().filter(|valid| **valid).count();
+            let sampled = self.sampled(block, sampling, valid);
+            let missing = || valid.iter().map(|valid| !valid);
+            let impossible = match self.impossible(place).filter(|_| measured < n) {
+                Some(all) => all.zip(missing()).filter(|(is, missing)| *is && *missing).count(),
+                None => 0,
+            };
+            let filled = n - measured - impossible;
+            let of_mask = [sampled, measured - sampled, filled, impossible];
+            counts.iter_mut().zip(of_mask).for_each(|(count, of_mask)| *count += copies * of_mask);
+        }
+        Ok(counts)
+    }
+
+    /// Entries of a channel that were sampled.
+    fn sampled(&self, block: usize, sampling: Sampling, valid: &[bool]) -> usize {
+        match sampling {
+            Sampling::Every => valid.iter().filter(|v| **v).count(),
+            Sampling::Bernoulli { .. } => sample_positions(self.block_seed(block), sampling, valid).len(),
+        }
+    }
+
     fn block_seed(&self, block: usize) -> u64 {
         block_seed(self.coding().seed, block as u32)
     }
@@ -97,24 +168,28 @@ impl<D: AsRef<[u8]>> Reader<D> {
     /// # Errors
     /// As [`Reader::block_into`].
     pub fn block_info(&self, block: usize) -> Result<BlockInfo> {
-        let place = self.place(block)?;
+        let budget = &self.call();
         let Record { class, doublings, .. } = self.record(block)?;
-        let valid = self.block_validity(block)?;
-        let planes = valid.chunks_exact(place.positions());
-        let seed = self.block_seed(block);
+        let (place, masks) = self.masks(block, budget)?;
+        let _held = budget.holding(masks.len() as u64)?;
         let sampling = self.coding().sampling.doubled(doublings);
-        let sampled = |valid: &[bool]| match sampling {
-            Sampling::Every => valid.iter().filter(|v| **v).count(),
-            Sampling::Bernoulli { .. } => sample_positions(seed, sampling, valid).len(),
-        };
+        let n = place.positions();
+        let [work, bytes] = self.header.of_origins(&place, masks.len() / n, sampling != Sampling::Every);
+        budget.spend(work)?;
+        let _also = budget.holding(bytes)?;
+        // One number a channel, 4096 at most.
+        let copies = self.grid().channels().len() * n / masks.len();
+        let planes = masks.chunks_exact(n);
+        let valid: Vec<usize> = planes.clone().map(|p| p.iter().filter(|v| **v).count()).collect();
+        let sampled: Vec<usize> = planes.map(|valid| self.sampled(block, sampling, valid)).collect();
         let (rms, max) = self.index.errors(block);
         Ok(BlockInfo {
             block: place,
             record: self.index.record(block),
             class,
-            valid: planes.clone().map(|p| p.iter().filter(|v| **v).count()).collect(),
-            sampled: planes.map(sampled).collect(),
-            seed,
+            valid: valid.repeat(copies),
+            sampled: sampled.repeat(copies),
+            seed: self.block_seed(block),
             ratio: sampling.ratio(),
             rms,
             max,

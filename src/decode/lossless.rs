@@ -2,6 +2,7 @@
 
 use super::{Reader, Scratch};
 use crate::block::Block;
+use crate::budget::{Budget, filled, zeroed};
 use crate::error::{Error, Result};
 use crate::format::directory;
 use crate::format::is_compact;
@@ -24,7 +25,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
     /// restores its bits is damaged.
     pub fn exact_block(&self, block: usize) -> Result<Vec<f64>> {
         self.place(block)?;
-        let (_, bits) = self.exact_bits(&self.exact_index()?, block, &mut Scratch::default())?;
+        let (_, bits) = self.exact_bits_within(&self.exact_index()?, block, &mut Scratch::default(), &self.call())?;
         Ok(bits.into_iter().map(f64::from_bits).collect())
     }
 
@@ -53,17 +54,31 @@ impl<D: AsRef<[u8]>> Reader<D> {
         block: usize,
         scratch: &mut Scratch,
     ) -> Result<(Block, Vec<u64>)> {
+        self.exact_bits_within(index, block, scratch, &self.call())
+    }
+
+    /// As [`Reader::exact_bits`], on a budget.
+    pub(super) fn exact_bits_within(
+        &self,
+        index: &ExactIndex,
+        block: usize,
+        scratch: &mut Scratch,
+        budget: &Budget,
+    ) -> Result<(Block, Vec<u64>)> {
         let coded = index.coded(self.data.as_ref(), block)?;
         let record = self.record(block)?;
         if record.class == ValidityClass::Pruned {
             return Err(self.gone(block));
         }
-        let place = self.rebuild(block, &record, scratch)?;
+        let place = self.rebuild(block, &record, scratch, budget)?;
+        let [work, bytes] = self.header.of_exact(&place);
+        budget.spend(work)?;
+        let _held = budget.holding(bytes)?;
         let scales: Vec<f64> = self.grid().channels().iter().map(|channel| channel.scale).collect();
-        let mut bits = vec![0; scratch.log.len()];
+        let mut bits = filled(0, scratch.log.len())?;
         let decoded = Decoded {
             shape: place.shape,
-            valid: &self.header.masks_of(&place, scratch),
+            valid: &self.header.masks_of(&place, scratch)?,
             log: &scratch.log,
             eps: self.header.coding.eps,
             scales: &scales,
@@ -94,10 +109,11 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
     /// block's bits is damaged, `LimitExceeded` if the table is above the caller's limit.
     pub fn exact_table(&self) -> Result<Vec<f64>> {
         let index = self.exact_index()?;
-        let mut values = vec![0f64; self.check_table_size()?];
-        let shares = self.shares();
+        let mut values = zeroed(self.check_table_size()?)?;
+        let (shares, budget) = (self.shares(), self.whole_call());
         self.for_each_block(&shares, shares.memory(&mut values), |scratch, block, place, memory| {
-            let (_, bits) = self.exact_bits(&index, block, scratch)?;
+            let (_, bits) = self.exact_bits_within(&index, block, scratch, &budget)?;
+            // In the same memory.
             let exact: Vec<f64> = bits.into_iter().map(f64::from_bits).collect();
             memory.of_block(place).put_all(&exact);
             Ok(())

@@ -6,6 +6,8 @@ use std::sync::atomic::AtomicU32;
 
 use super::{Header, Reader, Scratch};
 use crate::block::Block;
+use crate::budget::{Budget, make_room, with_room};
+use crate::channel::ChannelTransform;
 use crate::error::{Error, Result};
 use crate::fourier::{AxisTable, Basis};
 use crate::tone::inverse_tone_map;
@@ -18,8 +20,10 @@ pub(crate) struct Sparse {
     components: Vec<Component>,
     /// Exact zeros, a bit for each of `[channel][position]`; empty where there are none.
     zeros: Vec<u8>,
-    /// Look-ups that were answered from it.
+    /// Look-ups that were answered from it, dear ones as several.
     pub(crate) uses: AtomicU32,
+    /// Operations of one position's values.
+    pub(crate) work: u64,
 }
 
 /// Rows along the last axis in order, and what they hold.
@@ -112,40 +116,51 @@ impl Component {
 
 impl Header {
     /// What the scratch holds after a record was decoded.
-    fn sparse(&self, block: usize, place: &Block, means: &[i32], scratch: &Scratch) -> Sparse {
+    fn sparse(&self, block: usize, place: &Block, means: &[i32], scratch: &Scratch) -> Result<Sparse> {
         let [_, n1, n2, n3] = place.shape;
+        // One a channel.
         let mut components = Vec::with_capacity(means.len());
         let mut terms = Vec::new();
         for (c, &mean) in means.iter().enumerate() {
-            self.dequantize(c, scratch.coefficients.of_channel(c), mean, &mut terms);
-            let mut component = Component::default();
+            self.dequantize(c, scratch.coefficients.of_channel(c), mean, &mut terms)?;
+            let mut component = Component { rows: Vec::new(), entries: with_room(terms.len())? };
+            let rows = terms.chunk_by(|a, b| a.0 as usize / n3 == b.0 as usize / n3).count();
+            make_room(&mut component.rows, rows)?;
             for row in terms.chunk_by(|a, b| a.0 as usize / n3 == b.0 as usize / n3) {
                 let number = row[0].0 as usize / n3;
                 component.entries.extend(row.iter().map(|(position, value)| (*position % n3 as u32, *value)));
                 let at = [number / n2 / n1, number / n2 % n1, number % n2].map(|at| at as u32);
                 component.rows.push(Row { at, end: component.entries.len() });
             }
-            component.rows.shrink_to_fit();
-            component.entries.shrink_to_fit();
             components.push(component);
         }
         let bits = |zeros: &[bool]| zeros.iter().rev().fold(0, |bits, zero| bits << 1 | u8::from(*zero));
         let zeros = scratch.zeros.contains(&true).then(|| scratch.zeros.chunks(8).map(bits).collect());
         let zeros = zeros.unwrap_or_default();
-        Sparse { block, place: *place, components, zeros, uses: AtomicU32::new(0) }
+        let entries: usize = components.iter().map(|component| component.entries.len()).sum();
+        let rows: usize = components.iter().map(|component| component.rows.len()).sum();
+        let here = Block { shape: [1; 4], ..*place };
+        let mixed = if self.coding.transform == ChannelTransform::None { 1 } else { means.len() };
+        let work =
+            (2 * entries + 6 * rows + 8 * means.len() + mixed * means.len()) as u64 + self.work_of_profile(&here);
+        Ok(Sparse { block, place: *place, components, zeros, uses: AtomicU32::new(0), work })
     }
 }
 
 impl<D: AsRef<[u8]>> Reader<D> {
     /// The coefficients of a block. `None` where its single values are not to be had without the others: the DFT, or a file
     /// with corrections.
-    pub(crate) fn sparse_block(&self, block: usize, scratch: &mut Scratch) -> Result<Option<Sparse>> {
+    pub(crate) fn sparse_block(&self, block: usize, scratch: &mut Scratch, budget: &Budget) -> Result<Option<Sparse>> {
         if self.header.coding.basis == Basis::Dft || self.header.coding.correction.is_some() {
             return Ok(None);
         }
         let place = self.place(block)?;
-        self.decode_coefficients(block, &place, scratch)?;
-        Ok(Some(self.header.sparse(block, &place, self.index.means(block), scratch)))
+        // Points take the profile.
+        self.prepare(budget)?;
+        self.decode_coefficients(block, &place, scratch, budget)?;
+        // Terms, and entries with a row each at most.
+        let _held = budget.holding(48 * scratch.coefficients.len() as u64)?;
+        self.header.sparse(block, &place, self.index.means(block), scratch).map(Some)
     }
 
     /// About the bytes that a block's coefficients take: two of them a byte of the record, with their rows.

@@ -5,6 +5,7 @@ use std::sync::OnceLock;
 
 use super::buffer::Buffer;
 use crate::block::{Block, Partition};
+use crate::budget::{Budget, Fault, lengthen, make_room, refill, repeated, with_room};
 use crate::correct::{self, Decoded, correct};
 use crate::dependent::Quantization;
 use crate::entropy::{self, Coefficients, Walk};
@@ -55,14 +56,14 @@ pub(crate) struct Header {
     profile: OnceLock<Result<Profile, &'static str>>,
 }
 
-/// Buffers of a decode, for callers that rebuild many blocks on a thread.
+/// Buffers of a decode, for callers that rebuild many blocks on a thread. They keep the memory of the largest block.
 #[derive(Debug, Default)]
 pub struct Scratch {
     pub(crate) coefficients: Coefficients,
     /// Those of a component, dequantised.
-    terms: Vec<Term>,
-    walk: Walk,
-    class: ValidityClass,
+    pub(super) terms: Vec<Term>,
+    pub(super) walk: Walk,
+    pub(super) class: ValidityClass,
     /// Empty where the class says enough and the values do not depend on them.
     pub(crate) masks: Vec<bool>,
     /// Exact zeros, `[channel][position]`; empty if the record says that the block has none.
@@ -71,10 +72,10 @@ pub struct Scratch {
     pub(crate) log: Buffer<f32>,
     /// Values on their way to short rows.
     pub(super) values: Buffer<f32>,
-    lines: Lines,
+    pub(super) lines: Lines,
     /// Of the block that was rebuilt last, if the file has a correction step; `[channel][position]`.
     pub(crate) corrections: Vec<i32>,
-    correct: correct::Walk,
+    pub(super) correct: correct::Walk,
 }
 
 impl Header {
@@ -105,6 +106,14 @@ impl Header {
         self.profile.get_or_init(|| coded.decode(&self.grid)).as_ref().map(Some).map_err(|what| *what)
     }
 
+    /// What decoding the profile will take; `None` where there is none, or it was decoded.
+    pub(super) fn cost_of_profile(&self) -> Option<[u64; 2]> {
+        let coded = self.coded_profile.as_ref().filter(|_| self.profile.get().is_none())?;
+        let shapes = coded.shapes(&self.grid)?;
+        let synthesis = Synthesis::new(crate::fourier::Basis::Dct, &[]);
+        Some(super::cost::of_profile(coded, &self.grid, &synthesis, shapes))
+    }
+
     pub(crate) fn mask_model(&self) -> &MaskModel {
         self.mask.get_or_init(|| MaskModel::new(self.horizon().cloned(), self.coding.horizon))
     }
@@ -120,13 +129,14 @@ impl Header {
         class: ValidityClass,
         decoder: &mut Decoder,
         scratch: &mut Scratch,
-    ) -> Result<(), &'static str> {
+        budget: &Budget,
+    ) -> Result<(), Fault> {
         let channels = self.grid.channels().len();
         scratch.class = class;
         scratch.masks.clear();
         // What is only predicted is left until someone asks.
         if class != ValidityClass::Horizon || self.coding.correction.is_some() {
-            self.decode_masks(block, class, decoder, &mut scratch.masks);
+            self.decode_masks(block, class, decoder, &mut scratch.masks)?;
         }
         scratch.coefficients.clear();
         scratch.zeros.clear();
@@ -135,12 +145,9 @@ impl Header {
         }
         if self.coding.zeros {
             let Scratch { masks, zeros, .. } = &mut *scratch;
-            code_zeros(decoder, ZEROS, block.shape, channels, || self.told_or_predicted(block, masks), zeros);
+            code_zeros(decoder, ZEROS, block.shape, channels, || self.told_or_predicted(block, masks), zeros)?;
         }
-        scratch
-            .walk
-            .decode(decoder, self.coding.quantization, block.shape, channels, &mut scratch.coefficients)
-            .map_err(|_| "an extent or a coefficient is out of range")
+        scratch.walk.decode(decoder, self.coding.quantization, block.shape, channels, &mut scratch.coefficients, budget)
     }
 
     /// The masks, or those that the horizon predicts if they were left.
@@ -157,19 +164,20 @@ impl Header {
         class: ValidityClass,
         decoder: &mut Decoder,
         masks: &mut Vec<bool>,
-    ) {
+    ) -> Result<()> {
         let n = block.positions();
         masks.clear();
         match class {
-            ValidityClass::All => masks.resize(n, true),
-            ValidityClass::None | ValidityClass::Pruned => masks.resize(n, false),
+            ValidityClass::All => lengthen(masks, n, true)?,
+            ValidityClass::None | ValidityClass::Pruned => lengthen(masks, n, false)?,
             ValidityClass::Horizon => masks.extend(self.mask_model().predict(block)),
             ValidityClass::Mask | ValidityClass::MaskPerChannel => {
                 let per_channel = class == ValidityClass::MaskPerChannel;
-                masks.resize(if per_channel { n * self.grid.channels().len() } else { n }, false);
+                lengthen(masks, if per_channel { n * self.grid.channels().len() } else { n }, false)?;
                 self.mask_model().code(decoder, MASKS, block, masks);
             }
         }
+        Ok(())
     }
 
     /// Rebuilds a block's log values in `scratch.log`, `[channel][position]`; gives the masks on the side.
@@ -179,14 +187,14 @@ impl Header {
         record: &Record,
         means: &[i32],
         scratch: &mut Scratch,
-    ) -> Result<(), &'static str> {
-        let mut decoder = self.components(block, record, means, scratch)?;
+        budget: &Budget,
+    ) -> Result<(), Fault> {
+        let mut decoder = self.components(block, record, means, scratch, budget)?;
         self.to_channels(&mut scratch.log);
         if let Some(step) = self.coding.correction.filter(|_| !record.class.is_mean_only()) {
             let Scratch { masks, zeros, log, corrections, .. } = scratch;
-            corrections.clear();
-            corrections.resize(log.len(), 0);
-            let correctable = without_zeros(masks, zeros);
+            refill(corrections, log.len(), 0)?;
+            let correctable = without_zeros(masks, zeros)?;
             let decoded = Decoded { shape: block.shape, masks: &correctable, log, step };
             scratch
                 .correct
@@ -206,49 +214,62 @@ impl Header {
         record: &Record<'a>,
         means: &[i32],
         scratch: &mut Scratch,
-    ) -> Result<Decoder<'a>, &'static str> {
+        budget: &Budget,
+    ) -> Result<Decoder<'a>, Fault> {
         let mut decoder =
             Decoder::new(self.probabilities.get().map_err(|_| "its probabilities are damaged")?, record.coded);
-        self.decode_record(block, record.class, &mut decoder, scratch)?;
+        self.decode_record(block, record.class, &mut decoder, scratch, budget)?;
+        budget.spend(self.work_of_record(block, scratch) + self.work_of_synthesis(block, scratch))?;
+        let _held = budget.holding(scratch.coefficients.bytes() as u64)?;
         self.synthesize(block, means, scratch)?;
         Ok(decoder)
     }
 
     /// Components of log values in `scratch.log`, from the coefficients in the scratch.
-    pub(super) fn synthesize(&self, block: &Block, means: &[i32], scratch: &mut Scratch) -> Result<(), &'static str> {
+    pub(super) fn synthesize(&self, block: &Block, means: &[i32], scratch: &mut Scratch) -> Result<(), Fault> {
         let n = block.positions();
-        scratch.log.resize(means.len() * n);
+        scratch.log.resize(means.len() * n)?;
         let Scratch { coefficients, terms, log, lines, .. } = scratch;
         for (component, (values, mean)) in log.chunks_exact_mut(n).zip(means).enumerate() {
-            self.dequantize(component, coefficients.of_channel(component), *mean, terms);
-            self.synthesis.synthesize(self.level, block.shape, terms, values, lines);
+            self.dequantize(component, coefficients.of_channel(component), *mean, terms)?;
+            self.synthesis.synthesize(self.level, block.shape, terms, values, lines)?;
         }
-        self.add_profile(block, log)
+        Ok(self.add_profile(block, log)?)
     }
 
     /// Components of log values of a block of means alone in `scratch.log`, one for each row along the last axis, `[component][row]`;
     /// false if they are not the same along each.
-    pub(super) fn rows_of_means(&self, block: &Block, means: &[i32], scratch: &mut Scratch) -> bool {
+    pub(super) fn rows_of_means(&self, block: &Block, means: &[i32], scratch: &mut Scratch) -> Result<bool> {
         let rows = block.positions() / block.shape[3];
-        scratch.log.resize(means.len() * rows);
+        scratch.log.resize(means.len() * rows)?;
         for ((values, mean), step) in scratch.log.chunks_exact_mut(rows).zip(means).zip(&self.coding.steps) {
-            let Some(value) = self.synthesis.constant(block.shape, dequantize_mean(*step, *mean)) else { return false };
+            let Some(value) = self.synthesis.constant(block.shape, dequantize_mean(*step, *mean)) else {
+                return Ok(false);
+            };
             values.fill(value);
         }
-        match self.profile() {
+        Ok(match self.profile() {
             Ok(Some(profile)) => profile.add_to_rows(block, &mut scratch.log),
             Ok(None) => true,
             Err(_) => false,
-        }
+        })
     }
 
     /// The coefficients of a component, that at index 0 first.
-    pub(super) fn dequantize(&self, component: usize, coefficients: &[(u32, i32)], mean: i32, terms: &mut Vec<Term>) {
+    pub(super) fn dequantize(
+        &self,
+        component: usize,
+        coefficients: &[(u32, i32)],
+        mean: i32,
+        terms: &mut Vec<Term>,
+    ) -> Result<()> {
         let step = self.coding.steps[component];
         let quantizer = Quantizer { step, shrink: self.coding.shrink.map(|s| f32::from(s) / 256.0) };
         terms.clear();
+        make_room(terms, 1 + coefficients.len())?;
         terms.push((0, dequantize_mean(step, mean)));
         terms.extend(coefficients.iter().map(|&(position, q)| (position, quantizer.dequantize(q))));
+        Ok(())
     }
 
     /// Adds the profile, if the file has one, to the components of a block.
@@ -271,7 +292,7 @@ impl Header {
         coefficients: &[i32],
         means: &[i32],
         scratch: &mut Scratch,
-    ) -> Result<(), &'static str> {
+    ) -> Result<(), Fault> {
         scratch.coefficients = Coefficients::of_planes(coefficients, block.positions());
         self.synthesize(block, means, scratch)?;
         self.to_channels(&mut scratch.log);
@@ -279,20 +300,22 @@ impl Header {
     }
 
     /// Masks of all channels of the block that was decoded last, `[channel][position]`.
-    pub(crate) fn masks_of(&self, block: &Block, scratch: &Scratch) -> Vec<bool> {
+    pub(crate) fn masks_of(&self, block: &Block, scratch: &Scratch) -> Result<Vec<bool>> {
         let channels = self.grid.channels().len();
         match scratch.class {
-            ValidityClass::Horizon => self.mask_model().predict(block).repeat(channels),
-            ValidityClass::MaskPerChannel => scratch.masks.clone(),
-            _ => scratch.masks.repeat(channels),
+            ValidityClass::Horizon => repeated(&self.mask_model().predict(block), channels),
+            ValidityClass::MaskPerChannel => repeated(&scratch.masks, 1),
+            _ => repeated(&scratch.masks, channels),
         }
     }
 }
 
 /// Validity less exact zeros, which take no correction.
-pub(crate) fn without_zeros<'a>(masks: &'a [bool], zeros: &[bool]) -> Cow<'a, [bool]> {
+pub(crate) fn without_zeros<'a>(masks: &'a [bool], zeros: &[bool]) -> Result<Cow<'a, [bool]>> {
     if !zeros.contains(&true) {
-        return masks.into();
+        return Ok(masks.into());
     }
-    zeros.iter().enumerate().map(|(i, zero)| masks[i % masks.len()] && !zero).collect::<Vec<_>>().into()
+    let mut left = with_room(zeros.len())?;
+    left.extend(zeros.iter().enumerate().map(|(i, zero)| masks[i % masks.len()] && !zero));
+    Ok(left.into())
 }

@@ -2,6 +2,7 @@
 
 use super::{Reader, Scratch};
 use crate::block::{Block, Place, Shares};
+use crate::budget::{Budget, with_room, zeroed};
 use crate::error::{Error, Result};
 use crate::format::{directory, spare};
 use crate::table::BrdfTable;
@@ -19,7 +20,7 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
     #[allow(unsafe_code)]
     pub fn decode_all(&self) -> Result<Vec<f32>> {
         let size = self.check_table_size()?;
-        let mut values = Vec::with_capacity(size);
+        let mut values = with_room(size)?;
         let places = &mut values.spare_capacity_mut()[..size];
         #[cfg(feature = "mmap")]
         crate::map::ask_for_large_pages(places);
@@ -52,10 +53,17 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
         Shares::new(self.partition(), self.grid().channels().len(), if threads == 1 { 1 } else { 4 * threads })
     }
 
+    /// Blocks that may be rebuilt at a time: as many as their buffers are within the limit on bytes, and one at least. So what a file
+    /// decodes to does not depend on the number of threads.
+    pub(super) fn most_scratches(&self) -> usize {
+        let each = self.header.most_bytes_of_block().max(1);
+        usize::try_from(self.whole_call().bytes_left() / each).unwrap_or(usize::MAX).max(1)
+    }
+
     fn values_of_blocks<P: Place<f32> + Send>(&self, places: &mut [P]) -> Result<()> {
-        let shares = self.shares();
+        let (shares, budget) = (self.shares(), self.whole_call());
         self.for_each_block(&shares, shares.memory(places), |scratch, block, place, memory| {
-            self.values_to(block, scratch, memory.of_block(place))
+            self.values_to(block, scratch, memory.of_block(place), &budget)
         })
     }
 
@@ -84,7 +92,7 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
                 |share: usize| shares.blocks(share).map(|(block, _)| self.index.record(block).len()).sum::<usize>();
             let mut queue: Vec<_> = memory.into_iter().enumerate().collect();
             queue.sort_by_cached_key(|(share, _)| std::cmp::Reverse(shares.positions(*share) + BYTE * bytes(*share)));
-            return fill_in_order(queue, fill);
+            return fill_in_order(queue, self.most_scratches(), fill);
         }
         let mut scratch = Scratch::default();
         memory.into_iter().enumerate().try_for_each(|(share, memory)| fill(&mut scratch, share, memory))
@@ -96,20 +104,22 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
     /// As [`Reader::decode_all`].
     pub fn decode_table(&self) -> Result<BrdfTable> {
         let size = self.check_table_size()?;
-        let (mut values, mut valid) = (zeroed(size), vec![false; size]);
+        let (mut values, mut valid) = (zeros(size)?, zeroed(size)?);
         let eps = self.header.coding.eps;
-        let shares = self.shares();
+        let (shares, budget) = (self.shares(), self.whole_call());
         let memory = shares.memory(&mut values).into_iter().zip(shares.memory(&mut valid)).collect();
         self.for_each_block(&shares, memory, |scratch, block, place, (values, valid)| {
-            self.decode_log(block, scratch)?;
-            let mut decoded = Vec::with_capacity(scratch.log.len());
+            self.decode_log(block, scratch, &budget)?;
+            // In double precision, and its validity.
+            let _held = budget.holding(9 * scratch.log.len() as u64)?;
+            let mut decoded = with_room(scratch.log.len())?;
             for (log, channel) in scratch.log.chunks_exact(place.positions()).zip(self.grid().channels()) {
                 // The scale is mostly below 1: what the tone map saturated would overflow again.
                 let unscale = |log: f32| (inverse_tone_map_f64(log, eps) / channel.scale).min(f64::MAX);
                 decoded.extend(log.iter().map(|&log| unscale(log)));
             }
             values.of_block(place).put_all(&decoded);
-            valid.of_block(place).put_all(&self.header.masks_of(place, scratch));
+            valid.of_block(place).put_all(&self.header.masks_of(place, scratch)?);
             Ok(())
         })?;
         BrdfTable::from_parts(self.grid().clone(), values, valid)
@@ -119,9 +129,14 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
     /// Returns what is damaged, not much more than the first 65,536 places; nothing if the file is intact. A table above the caller's limit is not looked at:
     /// that is the one error then.
     pub fn verify(&self) -> Vec<Error> {
-        if let Err(e) = self.check_table_size() {
-            return vec![e];
+        match self.check_table_size() {
+            Ok(_) => self.verify_within(&self.whole_call()),
+            Err(e) => vec![e],
         }
+    }
+
+    /// As [`Reader::verify`], on a budget in place of the limit on tables.
+    pub(crate) fn verify_within(&self, budget: &Budget) -> Vec<Error> {
         let mut damage = Vec::new();
         for section in self.directory.sections() {
             let bytes = &self.data.as_ref()[section.range.clone()];
@@ -147,20 +162,21 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
             }
         };
         // Without it no record decodes.
-        if let Err(e) = self.prepare() {
+        if let Err(e) = self.prepare(budget) {
             damage.push(e);
             return damage;
         }
         let check = |scratch: &mut Scratch, block: usize| {
-            let record = self.record(block).and_then(|record| self.rebuild(block, &record, scratch)).err();
+            let record = self.record(block).and_then(|record| self.rebuild(block, &record, scratch, budget)).err();
             // What was lost and is marked so is no damage any more.
             let bits = exact.as_ref().filter(|exact| record.is_none() && !exact.is_lost(self.data.as_ref(), block));
-            let bits = bits.and_then(|index| self.exact_bits(index, block, scratch).err());
+            let bits = bits.and_then(|index| self.exact_bits_within(index, block, scratch, budget).err());
             Ok([record, bits.filter(|e| !matches!(e, Error::Pruned { .. } | Error::Lost { .. }))])
         };
         // Some at a time: what is found of a block takes more memory than many a block.
         for first in (0..self.block_count()).step_by(MAX_LISTED) {
-            match map_blocks(first..self.block_count().min(first + MAX_LISTED), check) {
+            let blocks = first..self.block_count().min(first + MAX_LISTED);
+            match map_blocks(blocks, self.most_scratches(), check) {
                 Ok(found) => damage.extend(found.into_iter().flatten().flatten().take(MAX_LISTED)),
                 Err(e) => damage.push(e),
             }
@@ -173,12 +189,12 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
 }
 
 /// Memory for a whole table.
-fn zeroed<T: Copy + Default>(size: usize) -> Vec<T> {
+fn zeros<T: Copy + Default>(size: usize) -> Result<Vec<T>> {
     #[allow(unused_mut)]
-    let mut values = vec![T::default(); size];
+    let mut values = zeroed(size)?;
     #[cfg(feature = "mmap")]
     crate::map::ask_for_large_pages(&mut values);
-    values
+    Ok(values)
 }
 
 /// Scratches that threads share, as many as work at one time: rayon would make one anew for each block.
@@ -198,20 +214,24 @@ impl Scratches {
     }
 }
 
-/// `work` on every block, in order of their numbers; the first error ends it.
+/// `work` on every block, at most some at a time, in order of their numbers; the first error ends it.
 #[cfg(feature = "parallel")]
 pub(super) fn map_blocks<T: Send>(
     blocks: std::ops::Range<usize>,
+    most: usize,
     work: impl Fn(&mut Scratch, usize) -> Result<T> + Sync + Send,
 ) -> Result<Vec<T>> {
     use rayon::prelude::*;
     let scratches = Scratches::default();
-    blocks.into_par_iter().map(|block| scratches.lend(|scratch| work(scratch, block))).collect()
+    // Blocks in as many runs at most.
+    let run = if most < rayon::current_num_threads() { blocks.len().div_ceil(most) } else { 1 };
+    blocks.into_par_iter().with_min_len(run).map(|block| scratches.lend(|scratch| work(scratch, block))).collect()
 }
 
 #[cfg(not(feature = "parallel"))]
 pub(super) fn map_blocks<T>(
     blocks: std::ops::Range<usize>,
+    _most: usize,
     work: impl Fn(&mut Scratch, usize) -> Result<T>,
 ) -> Result<Vec<T>> {
     let mut scratch = Scratch::default();
@@ -225,6 +245,7 @@ const BYTE: usize = 32;
 #[cfg(feature = "parallel")]
 fn fill_in_order<M: Send>(
     queue: Vec<(usize, M)>,
+    most: usize,
     fill: impl Fn(&mut Scratch, usize, M) -> Result<()> + Sync + Send,
 ) -> Result<()> {
     use rayon::prelude::*;
@@ -232,6 +253,18 @@ fn fill_in_order<M: Send>(
     let queue = std::sync::Mutex::new(queue.into_iter());
     let next = || queue.lock().unwrap_or_else(std::sync::PoisonError::into_inner).next();
     let scratches = Scratches::default();
+    if most < rayon::current_num_threads() {
+        // So many at a time, each until nothing is left.
+        let failed = std::sync::atomic::AtomicBool::new(false);
+        return (0..most).into_par_iter().with_max_len(1).try_for_each(|_| {
+            while let Some((share, memory)) = next().filter(|_| !failed.load(std::sync::atomic::Ordering::Relaxed)) {
+                scratches.lend(|scratch| fill(scratch, share, memory)).inspect_err(|_| {
+                    failed.store(true, std::sync::atomic::Ordering::Relaxed);
+                })?;
+            }
+            Ok(())
+        });
+    }
     (0..count).into_par_iter().with_max_len(1).try_for_each(|_| match next() {
         Some((share, memory)) => scratches.lend(|scratch| fill(scratch, share, memory)),
         None => Ok(()),

@@ -54,7 +54,7 @@ fn points_are_those_of_the_block() {
         for block in 0..reader.block_count() {
             let mut whole = vec![0.0; reader.block_values(block).unwrap()];
             reader.block_into(block, &mut whole).unwrap();
-            let Some(sparse) = reader.sparse_block(block, &mut scratch).unwrap() else { continue };
+            let Some(sparse) = reader.sparse_block(block, &mut scratch, &reader.call()).unwrap() else { continue };
             let place = reader.place(block).unwrap();
             for (index, within) in positions(place.shape).enumerate().step_by(7) {
                 let mut value = vec![f32::NAN; channels];
@@ -104,7 +104,7 @@ fn what_a_scratch_holds_does_not_matter() {
             let place = reader.place(block).unwrap();
             let garbage: Vec<u8> = (0..200).map(|i| (((block + 3) * (i + 7) * 89) >> 3) as u8).collect();
             let record = Record { class: ValidityClass::All, doublings: 0, coded: &garbage };
-            match reader.header.components(&place, &record, reader.index.means(block), &mut stale) {
+            match reader.header.components(&place, &record, reader.index.means(block), &mut stale, &reader.call()) {
                 Ok(_) => decoded += 1,
                 Err(_) => refused += 1,
             }

@@ -3,6 +3,7 @@
 use super::rebuild::{Header, Scratch};
 use crate::block::{Block, Place, Target};
 use crate::channel::ChannelTransform;
+use crate::error::Result;
 use crate::exact::{FEWER_LANES, LANES, exp32_lanes};
 use crate::simd::Task;
 use crate::tone::inverse_tone_maps;
@@ -30,11 +31,17 @@ impl Header {
     }
 
     /// BRDF values in all of the memory of a block, from the components in the scratch.
-    pub(super) fn values_to<P: Place<f32>>(&self, place: &Block, scratch: &mut Scratch, mut target: Target<P>) {
+    pub(super) fn values_to<P: Place<f32>>(
+        &self,
+        place: &Block,
+        scratch: &mut Scratch,
+        mut target: Target<P>,
+    ) -> Result<()> {
         let (ChannelTransform::Matrix(matrix), 3) = (&self.coding.transform, self.grid.channels().len()) else {
             self.to_channels(&mut scratch.log);
             scratch.hide_zeros();
-            return target.put_all(self.values(scratch));
+            target.put_all(self.values(scratch));
+            return Ok(());
         };
         let matrix = &std::array::from_fn(|i| matrix[i]);
         let n = place.positions();
@@ -51,12 +58,13 @@ impl Header {
                 self.opponent(matrix, from, zeros, to);
                 at += length;
             }
-            return;
+            return Ok(());
         }
-        values.resize(3 * n);
+        values.resize(3 * n)?;
         let (from, zeros) = planes(0, n);
         self.opponent(matrix, from, zeros, three(values));
         target.put_all(values);
+        Ok(())
     }
 
     fn opponent<P: Place<f32>>(&self, matrix: &[f32; 9], from: [&[f32]; 3], zeros: [&[bool]; 3], to: [&mut [P]; 3]) {

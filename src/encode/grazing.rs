@@ -239,7 +239,7 @@ fn planes(grid: &Grid, known: &[bool]) -> Option<Vec<Plane>> {
     let [bins_h, bins_d] = bins(grid)?;
     let [_, _, _, bins_p] = grid.shape();
     let n = grid.positions();
-    let empty = Profile::new(grid, KNOTS, ZONE, Default::default())?;
+    let empty = Profile::new(grid, KNOTS, ZONE, Default::default()).ok()?;
     let inside = |place: &Place| place.knot.iter().any(|&knot| usize::from(knot) < KNOTS - 1);
     let plane = |h: usize| {
         let mut plane = Plane {

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use super::blocks::{Quantized, gather_log};
 use super::bound::Bound;
 use crate::block::{Block, Partition};
+use crate::budget::Budget;
 use crate::correct::{self, Decoded};
 use crate::decode::lossless::decode_bits;
 use crate::decode::{CONTEXTS, CORRECTIONS, Header, MASKS, Scratch, ZEROS, contexts, without_zeros};
@@ -140,7 +141,8 @@ impl Uncoded<'_> {
         if header.coding.zeros {
             let n: usize = shape.iter().product();
             let masks = if *class == ValidityClass::MaskPerChannel { valid } else { &valid[..n] };
-            code_zeros(coder, ZEROS, shape, valid.len() / n, || masks, &mut zeros.clone());
+            let coded = code_zeros(coder, ZEROS, shape, valid.len() / n, || masks, &mut zeros.clone());
+            debug_assert!(coded.is_ok(), "a coder that writes takes no memory");
         }
         let coded = buffers.walk.code(coder, header.coding.quantization, shape, &self.quantized.coefficients);
         debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
@@ -151,7 +153,7 @@ impl Uncoded<'_> {
             } else {
                 self.rebuild(header, &mut buffers.scratch);
             }
-            let correctable = without_zeros(valid, zeros);
+            let correctable = without_zeros(valid, zeros).expect("memory for a block's validity");
             let decoded = Decoded { shape, masks: &correctable, log: &buffers.scratch.log, step };
             let coded = buffers.correct.code(coder, CORRECTIONS, decoded, &mut corrections);
             debug_assert!(coded.is_ok(), "the bound bounds the corrections");
@@ -197,7 +199,7 @@ pub(super) fn pack(
                 let block = uncoded(number);
                 block.rebuild(&flat, scratch);
                 let (log, _) = gather_log(table, &block.block, coding.eps);
-                let correctable = without_zeros(&block.told.valid, &block.told.zeros);
+                let correctable = without_zeros(&block.told.valid, &block.told.zeros)?;
                 bound.corrections(&log, &correctable, &scratch.log, cuts(coding.eps)).map_err(|left| {
                     let what =
                         format!("step {} is too coarse for the largest error: {left:.2e} is left", coding.steps[0]);
@@ -241,9 +243,9 @@ pub(super) fn pack(
             let class = block.told.class;
             let doublings = if class == ValidityClass::None { 0 } else { blocks[number].doublings };
             let record = Record { class, doublings, coded: &coded };
-            header
-                .rebuild(&block.block, &record, block.means, &mut buffers.scratch)
-                .map_err(|what| Error::InvalidArgument(format!("block {number} does not decode: {what}")))?;
+            header.rebuild(&block.block, &record, block.means, &mut buffers.scratch, &Budget::unbounded()).map_err(
+                |fault| fault.error(|what| Error::InvalidArgument(format!("block {number} does not decode: {what}"))),
+            )?;
             let error = measure(table, &block.block, header.coding.eps, &buffers.scratch.log);
             let exact = match &missing {
                 Some(missing) => code_exact(table, &header, &block, missing, buffers)

@@ -134,7 +134,7 @@ mod tests {
 
     fn coded(shape: [usize; 4], magnitudes: &[u8]) -> Coded {
         let mut coded = Coded::default();
-        coded.reserve((shape[0] + 1) * (shape[1] + 1) * (shape[2] + 2), shape[3] + 3);
+        coded.reserve(super::super::padded(shape)).unwrap();
         for (at, magnitude) in crate::block::positions(shape).zip(magnitudes) {
             coded.magnitudes[place(shape, at.map(|at| at + 1))] = *magnitude;
         }

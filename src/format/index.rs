@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use crate::bits::{ByteReader, read_int, read_uint};
 use crate::block::Partition;
+use crate::budget::with_room;
 use crate::entropy::{MAX_MAGNITUDE, code_low_bits};
 use crate::error::{Error, Result};
 use crate::format::MAX_MEANS;
@@ -142,6 +143,14 @@ impl Index {
         Index { offsets, rms, max, means: Vec::with_capacity(room * components.min(16)), components }
     }
 
+    /// An index of no block yet, with room for so many: they were compared with the bytes of their records.
+    fn with_all_room(blocks: usize, start: usize, components: usize) -> Result<Index> {
+        let mut offsets = with_room(blocks + 1)?;
+        offsets.push(start);
+        let (rms, max, means) = (with_room(blocks)?, with_room(blocks)?, with_room(blocks * components)?);
+        Ok(Index { offsets, rms, max, means, components })
+    }
+
     /// The index of drafts from 3 on.
     pub(crate) fn read(
         mut r: ByteReader,
@@ -168,7 +177,7 @@ impl Index {
         let mut chain = Chain::new(components);
         let mut entry = chain.previous.clone();
         let mut end = records.range.start;
-        let mut index = Index::with_room(blocks, end, components);
+        let mut index = Index::with_all_room(blocks, end, components)?;
         for (number, positions) in partition.sizes().enumerate() {
             chain.code(&mut decoder, positions, &mut entry);
             end = end.saturating_add(entry.length as usize);

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use crate::bits::{ByteReader, read_uint};
+use crate::budget::with_room;
 use crate::error::{Error, Result};
 use crate::format::directory::{self, Section, check_crc};
 use crate::format::record::checksum;
@@ -38,7 +39,8 @@ impl ExactIndex {
         // CRC-32 of the section up to here.
         let head = (r.offset() - offset) as usize;
         check_crc(directory::EXACT, offset, r.u32()?, crc32fast::hash(&bytes[..head]))?;
-        let mut offsets = Vec::with_capacity(blocks + 1);
+        // As many as lengths were read.
+        let mut offsets = with_room(blocks + 1)?;
         let mut at = r.offset();
         offsets.push(at as usize);
         for length in lengths.chunks_exact(4) {

@@ -1,6 +1,7 @@
 //! The section GRAZ (spec section 3.9): the coded tables of the grazing profile.
 
 use crate::bits::ByteReader;
+use crate::budget::{Budget, Fault, filled, make_room};
 use crate::dependent::Quantization;
 use crate::entropy::{self, Coefficients, MAX_MAGNITUDE, Walk};
 use crate::error::Result;
@@ -17,6 +18,7 @@ pub(crate) const TABLES: usize = 4;
 /// Most knots of a table along the elevation.
 pub(crate) const MAX_KNOTS: usize = 64;
 
+const NO_MEMORY: &str = "no memory for its tables";
 const NO_AXES: &str = "a profile needs the axes theta_h, theta_d, phi_d in this order";
 
 /// A profile as it is in the file.
@@ -89,19 +91,36 @@ impl CodedProfile {
         [1, 1, bins[table / 2], self.knots]
     }
 
-    /// Coefficients of each table, but for those at index 0.
-    fn tables(&self, bins: [usize; 2], channels: usize) -> Result<[Coefficients; TABLES], &'static str> {
-        let mut decoder = Decoder::new(&vec![1 << 15; entropy::CONTEXTS], &self.coded);
-        let mut walk = Walk::default();
-        let mut tables: [Coefficients; TABLES] = Default::default();
-        for (t, table) in tables.iter_mut().enumerate() {
-            walk.decode(&mut decoder, Quantization::Scalar, self.shape(bins, t), channels, table)
-                .map_err(|_| "an extent or a coefficient is out of range")?;
+    /// Shapes of the tables over theta_h and over theta_d.
+    pub(crate) fn shapes(&self, grid: &Grid) -> Option<[[usize; 4]; 2]> {
+        bins(grid).map(|bins| [self.shape(bins, 0), self.shape(bins, 2)])
+    }
+
+    /// Calls `each` with the number, the shape and the coefficients, but for those at index 0, of one table after the other.
+    fn for_each_table(
+        &self,
+        bins: [usize; 2],
+        channels: usize,
+        mut each: impl FnMut(usize, [usize; 4], &Coefficients) -> Result<(), &'static str>,
+    ) -> Result<(), &'static str> {
+        // What all of it may take was counted before (`Reader::prepare`).
+        let budget = Budget::unbounded();
+        let mut decoder = Decoder::new(&[1 << 15; entropy::CONTEXTS], &self.coded);
+        let (mut walk, mut coefficients) = (Walk::default(), Coefficients::default());
+        for t in 0..TABLES {
+            let shape = self.shape(bins, t);
+            walk.decode(&mut decoder, Quantization::Scalar, shape, channels, &mut coefficients, &budget).map_err(
+                |fault| match fault {
+                    Fault::Damaged(what) => what,
+                    Fault::Refused(_) => NO_MEMORY,
+                },
+            )?;
+            each(t, shape, &coefficients)?;
         }
         if decoder.unread() > 0 {
             return Err("bytes are left over after the last coefficient");
         }
-        Ok(tables)
+        Ok(())
     }
 
     /// Rebuilds the tables.
@@ -111,19 +130,20 @@ impl CodedProfile {
         let synthesis = Synthesis::new(Basis::Dct, &[1, bins[0], bins[1], self.knots]);
         let (mut lines, mut terms) = (Lines::default(), Vec::new());
         let mut tables: [Vec<f32>; TABLES] = Default::default();
-        for (t, (table, coefficients)) in tables.iter_mut().zip(self.tables(bins, channels)?).enumerate() {
-            let shape = self.shape(bins, t);
+        self.for_each_table(bins, channels, |t, shape, coefficients| {
             let n = shape.iter().product();
-            table.resize(channels * n, 0.0);
-            for (c, values) in table.chunks_exact_mut(n).enumerate() {
+            tables[t] = filled(0.0, channels * n).map_err(|_| NO_MEMORY)?;
+            for (c, values) in tables[t].chunks_exact_mut(n).enumerate() {
                 let term = |&(position, q): &(u32, i32)| (position, dequantize_mean(self.step, q));
                 terms.clear();
+                make_room(&mut terms, 1 + coefficients.of_channel(c).len()).map_err(|_| NO_MEMORY)?;
                 terms.push(term(&(0, self.first[t * channels + c])));
                 terms.extend(coefficients.of_channel(c).iter().map(term));
-                synthesis.synthesize(Level::detect(), shape, &terms, values, &mut lines);
+                synthesis.synthesize(Level::detect(), shape, &terms, values, &mut lines).map_err(|_| NO_MEMORY)?;
             }
-        }
-        Profile::new(grid, self.knots, self.zone, tables).ok_or("the grid has no profile")
+            Ok(())
+        })?;
+        Profile::new(grid, self.knots, self.zone, tables)
     }
 }
 
@@ -143,14 +163,13 @@ mod write {
             let channels = grid.channels().len();
             let mut encoder = Encoder::new(&vec![1 << 15; entropy::CONTEXTS]);
             let mut walk = Walk::default();
-            for (t, coefficients) in self.tables(bins, channels)?.iter().enumerate() {
-                let shape = self.shape(bins, t);
+            self.for_each_table(bins, channels, |_, shape, coefficients| {
                 let n = shape.iter().product();
-                let planes = coefficients.to_planes(channels, n);
+                let planes = coefficients.to_planes(channels, n).map_err(|_| NO_MEMORY)?;
                 let kept: Vec<i32> = components.iter().flat_map(|&c| &planes[c * n..][..n]).copied().collect();
                 walk.code(&mut encoder, Quantization::Scalar, shape, &kept)
-                    .map_err(|_| "an extent or a coefficient is out of range")?;
-            }
+                    .map_err(|_| "an extent or a coefficient is out of range")
+            })?;
             let first = self.first.chunks_exact(channels).flat_map(|first| components.iter().map(|&c| first[c]));
             Ok(CodedProfile { first: first.collect(), coded: encoder.finish(), ..self.clone() })
         }

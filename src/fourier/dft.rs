@@ -63,14 +63,18 @@ impl Task for Synthesize<'_> {
     }
 }
 
+/// Numbers that a synthesis takes: real and imaginary parts of half a spectrum, of a stage's input and of its output.
+pub(super) fn sums([n0, n1, n2, n3]: [usize; 4]) -> usize {
+    4 * n0 * n1 * n2 * (n3 / 2 + 1)
+}
+
 #[inline(always)]
 fn synthesize(axes: [&AxisTable; 4], values: &mut [f32], scratch: &mut Vec<f32>) {
     let shape = axes.map(|a| a.n);
     let half = shape[3] / 2 + 1;
     let size = shape[0] * shape[1] * shape[2] * half;
-    // Real and imaginary parts of a stage's input and of its output.
     scratch.clear();
-    scratch.resize(4 * size, 0.0);
+    scratch.resize(sums(shape), 0.0);
     let (mut from, mut to) = scratch.split_at_mut(2 * size);
     unpack(axes, values, from);
     for axis in (0..3).rev() {

@@ -345,7 +345,7 @@ mod tests {
                 let terms: Vec<Term> = nonzero.map(|(position, value)| (position as u32, *value)).collect();
                 single.fill(f32::NAN);
                 let lines = &mut Lines::default();
-                Synthesis::new(basis, &shape).synthesize(Level::detect(), shape, &terms, &mut single, lines);
+                Synthesis::new(basis, &shape).synthesize(Level::detect(), shape, &terms, &mut single, lines).unwrap();
                 Transform::new(basis, shape).synthesize(&mut double);
                 for (s, d) in single.iter().zip(&double) {
                     assert!((f64::from(*s) - d).abs() < 2e-6, "{basis:?} {shape:?}: {s} {d}");

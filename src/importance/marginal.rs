@@ -3,6 +3,7 @@
 use std::f64::consts::FRAC_PI_2;
 
 use crate::block::Block;
+use crate::budget::lengthen;
 use crate::coords::{Lookup, neighbours_on};
 use crate::decode::{Reader, Scratch};
 use crate::error::{Error, Result};
@@ -14,6 +15,9 @@ const SECTORS: usize = 4;
 
 /// Most bins of an elevation; longer axes are summed to so many. Three times the rings that the means are for.
 const MAX_BINS: usize = 256;
+
+/// Operations of adding a value up.
+const WORK: u64 = 2;
 
 /// Weight of a bin below the horizon, which counts where its cell has no other.
 const IMPOSSIBLE: f64 = 1e-9;
@@ -54,6 +58,7 @@ impl Marginal {
         let theta_d = grid.find(AxisName::ThetaD).map(|d| coarse(grid.axes()[d]));
         let row = theta_d.map_or(1, |axis| axis.len) * SECTORS;
         let mut sums = Sums {
+            // Small by a constant: four sectors of 256 bins of each elevation.
             cells: vec![[0.0; 2]; theta_h.len * row],
             offsets: std::array::from_fn(|_| vec![0]),
             weights: Vec::new(),
@@ -69,10 +74,15 @@ impl Marginal {
         }
         let horizon = Horizon::new(grid);
         let mut scratch = Scratch::default();
-        let mut values = Vec::new();
+        let (mut values, call) = (Vec::new(), reader.call());
         for block in 0..reader.block_count() {
-            values.resize(reader.block_values(block)?, 0.0);
-            match reader.block_with(block, &mut scratch, &mut values) {
+            let size = reader.block_values(block)?;
+            // With the weights of its positions.
+            let _held = call.holding(12 * size as u64)?;
+            call.spend(WORK * size as u64)?;
+            values.truncate(size);
+            lengthen(&mut values, size, 0.0)?;
+            match reader.block_within(block, &mut scratch, &mut values, &call) {
                 // Left out because nobody looks there: as if its bins were not on the grid.
                 Err(Error::Pruned { .. } | Error::Lost { .. }) => continue,
                 result => result?,

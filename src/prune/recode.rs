@@ -2,14 +2,20 @@
 
 use super::channels::Selection;
 use crate::block::{Block, positions};
+use crate::budget::{Budget, Fault, repeated, with_room};
 use crate::correct::{self, Decoded};
 use crate::decode::{CORRECTIONS, Header, MASKS, Scratch, ZEROS, without_zeros};
 use crate::encode::classify;
 use crate::entropy::Walk;
+use crate::error::Result;
 use crate::format::record::{Record, ValidityClass};
 use crate::quantize::Quantizer;
 use crate::range::{Coder, Decoder};
 use crate::zeros::code_zeros;
+
+/// Bytes and operations of a coefficient whose frequency is compared with others.
+const FOUND: u64 = size_of::<(f64, usize, f64)>() as u64;
+const SORTED: u64 = 100;
 
 /// Takes records apart and codes what is left of them.
 pub(super) struct Recoder<'a> {
@@ -57,15 +63,16 @@ impl<'a> Recoder<'a> {
         block: &Block,
         record: &Record,
         means: &[i32],
-    ) -> Result<Remains, &'static str> {
+        budget: &Budget,
+    ) -> Result<Remains, Fault> {
         let Recoder { source, target, selection, detail, scratch, .. } = self;
         let corrected = source.coding.correction.is_some();
         if corrected {
-            source.rebuild(block, record, means, scratch)?;
+            source.rebuild(block, record, means, scratch, budget)?;
         } else {
             let probabilities = source.probabilities.get().map_err(|_| "its probabilities are damaged")?;
             let mut decoder = Decoder::new(probabilities, record.coded);
-            source.decode_record(block, record.class, &mut decoder, scratch)?;
+            source.decode_record(block, record.class, &mut decoder, scratch, budget)?;
             decoder.check_end()?;
         }
         let n = block.positions();
@@ -73,9 +80,9 @@ impl<'a> Recoder<'a> {
             class: record.class,
             valid_before: 1.0,
             lost: 0.0,
-            masks: scratch.masks.clone(),
-            zeros: scratch.zeros.clone(),
-            coefficients: scratch.coefficients.to_planes(source.grid.channels().len(), n),
+            masks: repeated(&scratch.masks, 1)?,
+            zeros: repeated(&scratch.zeros, 1)?,
+            coefficients: scratch.coefficients.to_planes(source.grid.channels().len(), n)?,
             corrections: None,
         };
         if let Some(selection) = selection {
@@ -88,10 +95,18 @@ impl<'a> Recoder<'a> {
             }
         }
         let values = remains.coefficients.len() as f64;
-        let lost = drop_finest(target, block, &mut remains.coefficients, *detail * *detail * values);
+        let nonzero = scratch.coefficients.len() as u64;
+        let lost = match *detail > 0.0 {
+            true => {
+                let _held = budget.holding(FOUND * nonzero)?;
+                budget.spend(SORTED * nonzero)?;
+                drop_finest(target, block, &mut remains.coefficients, *detail * *detail * values)?
+            }
+            false => 0.0,
+        };
         if lost > 0.0 {
             // All of it may be lost where something was measured, of which errors are told.
-            let masks = source.masks_of(block, scratch);
+            let masks = source.masks_of(block, scratch)?;
             let masks = selection.map_or_else(|| masks.clone(), |selection| selection.of_channels(&masks, n));
             let valid = masks.iter().filter(|valid| **valid).count();
             remains.lost = (lost / valid.max(1) as f64).sqrt();
@@ -100,25 +115,20 @@ impl<'a> Recoder<'a> {
     }
 
     /// Codes what is left of a record.
-    pub(super) fn code<C: Coder>(
-        &mut self,
-        coder: &mut C,
-        block: &Block,
-        remains: &mut Remains,
-    ) -> Result<(), &'static str> {
+    pub(super) fn code<C: Coder>(&mut self, coder: &mut C, block: &Block, remains: &mut Remains) -> Result<(), Fault> {
         let Recoder { target, walk, correct, .. } = self;
         if matches!(remains.class, ValidityClass::Mask | ValidityClass::MaskPerChannel) {
             target.mask_model().code(coder, MASKS, block, &mut remains.masks);
         }
         if target.coding.zeros {
             let channels = target.grid.channels().len();
-            code_zeros(coder, ZEROS, block.shape, channels, || &remains.masks, &mut remains.zeros);
+            code_zeros(coder, ZEROS, block.shape, channels, || &remains.masks, &mut remains.zeros)?;
         }
         let quantization = target.coding.quantization;
         walk.code(coder, quantization, block.shape, &remains.coefficients)
             .map_err(|_| "an extent or a coefficient is out of range")?;
         if let (Some(step), Some((corrections, log))) = (target.coding.correction, &mut remains.corrections) {
-            let masks = &without_zeros(&remains.masks, &remains.zeros);
+            let masks = &without_zeros(&remains.masks, &remains.zeros)?;
             let decoded = Decoded { shape: block.shape, masks, log, step };
             correct.code(coder, CORRECTIONS, decoded, corrections).map_err(|_| "a correction is out of range")?;
         }
@@ -150,16 +160,13 @@ impl Remains {
     }
 }
 
-/// Sets the coefficients of the highest frequencies to zero while their squares sum to at most `budget`; the sum.
+/// Sets the coefficients of the highest frequencies to zero while their squares sum to at most `most`; the sum.
 ///
 /// The frequency is in half periods a bin, over all axes. Along a row it grows, so that a row loses its tail: what is left of it goes
 /// through the same states of the dependent quantiser as before.
-fn drop_finest(header: &Header, place: &Block, coefficients: &mut [i32], budget: f64) -> f64 {
-    if budget == 0.0 {
-        return 0.0;
-    }
+fn drop_finest(header: &Header, place: &Block, coefficients: &mut [i32], most: f64) -> Result<f64> {
     let n = place.positions();
-    let mut finest: Vec<(f64, usize, f64)> = Vec::new();
+    let mut finest: Vec<(f64, usize, f64)> = with_room(coefficients.iter().filter(|q| **q != 0).count())?;
     let shrink = header.coding.shrink.map(|s| f32::from(s) / 256.0);
     for (component, plane) in coefficients.chunks_exact(n).enumerate() {
         let quantizer = Quantizer { step: header.coding.steps[component], shrink };
@@ -168,14 +175,15 @@ fn drop_finest(header: &Header, place: &Block, coefficients: &mut [i32], budget:
             finest.push((frequency, component * n + at, f64::from(quantizer.dequantize(q)).powi(2)));
         }
     }
-    finest.sort_by(|a, b| b.0.total_cmp(&a.0).then(b.1.cmp(&a.1)));
+    // No two are equal: no place twice.
+    finest.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(b.1.cmp(&a.1)));
     let mut lost = 0.0;
     for (_, at, square) in finest {
-        if lost + square > budget {
+        if lost + square > most {
             break;
         }
         lost += square;
         coefficients[at] = 0;
     }
-    lost
+    Ok(lost)
 }

@@ -6,6 +6,7 @@ use super::evidence::{WANTED, of_one_bit};
 use super::gather::{evidence_of_bit, outcome};
 use super::mend::one_bit;
 use super::{Damage, Outcome, Salvaged};
+use crate::budget::filled;
 use crate::decode::Scratch;
 use crate::error::Result;
 use crate::format::directory::{self, Section};
@@ -136,7 +137,7 @@ impl Salvaged {
     pub fn exact_table(&self, missing: f64) -> Result<(Vec<f64>, usize)> {
         let reader = self.reader();
         let index = reader.exact_index()?;
-        let mut values = vec![missing; reader.check_table_size()?];
+        let mut values = filled(missing, reader.check_table_size()?)?;
         let (shape, n) = (reader.grid().shape(), reader.grid().positions());
         let (mut scratch, mut gone) = (Scratch::default(), 0);
         for block in 0..reader.block_count() {

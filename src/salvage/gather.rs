@@ -40,7 +40,7 @@ struct Flipped {
 struct Gathering<'a> {
     data: &'a [u8],
     options: &'a Options,
-    budget: Budget,
+    budget: Budget<'static>,
     head: Head<'a>,
     image: Image,
     damage: Vec<Damage>,
@@ -358,9 +358,10 @@ impl Gathering<'_> {
             if trials >= TRIALS || record.class.is_mean_only() || record.coded.len() < LEAST_CODED {
                 continue;
             }
-            self.budget.spend(100 * reader.block_values(block)? as u64)?;
-            if reader.decode_log(block, &mut scratch).is_err() {
-                return Err(needed(name, section));
+            match reader.decode_log(block, &mut scratch, &self.budget) {
+                Ok(_) => {}
+                Err(e @ (Error::LimitExceeded { .. } | Error::OutOfMemory { .. })) => return Err(e),
+                Err(_) => return Err(needed(name, section)),
             }
             trials += 1;
             bits += BITS_A_TRIAL;

@@ -93,7 +93,7 @@ fn check(bytes: &[u8], salvaged: &Salvaged, options: &Options) -> Result<()> {
             "what was restored is not what the section table says; fetch the file again",
         ));
     }
-    reader.verify().into_iter().next().map_or(Ok(()), Err)
+    reader.verify_within(&reader.call()).into_iter().next().map_or(Ok(()), Err)
 }
 
 /// Sections that are taken over as they are.

@@ -1,15 +1,50 @@
 //! A whole file of arbitrary bytes, under tight limits: opened, verified, decoded, evaluated.
 
+use std::time::Instant;
+
 use csbrdf::decode::{Pruned, Reader};
+use csbrdf::error::Error;
 use csbrdf::eval::Brdf;
+use csbrdf::importance::Importance;
 
 use super::seal::sealed;
-use super::{LIMITS, is_value, same_bits};
+use super::{LIMITS, TIGHT, is_value, same_bits};
+
+/// The same with hardly any operations and bytes: a call does what it does without bounds, or names the one that it would break, and
+/// in either case ends soon.
+fn within_tight_limits(data: &[u8], reader: &Reader<&[u8]>) {
+    let start = Instant::now();
+    let Ok(tight) = Reader::open_with_limits(data, TIGHT) else { return };
+    let tight = tight.with_pruned(Pruned::Coarse);
+    for block in 0..reader.block_count().min(4) {
+        let values = |reader: &Reader<&[u8]>| {
+            let mut values = vec![f32::NAN; reader.block_values(block).expect("a block")];
+            reader.block_into(block, &mut values).map(|()| values)
+        };
+        match (values(reader), values(&tight)) {
+            (Ok(usual), Ok(tight)) => assert!(same_bits(&usual, &tight)),
+            (Err(_), Err(_)) | (Ok(_), Err(Error::LimitExceeded { .. })) => {}
+            (usual, tight) => panic!("block {block}: {usual:?} {tight:?}"),
+        }
+        let counts = tight.block_origins(block);
+        assert!(counts.is_err() || counts.ok() == reader.block_origins(block).ok());
+        let _ = (tight.block_info(block), tight.block_origin(block));
+    }
+    let _ = Importance::new(&tight);
+    if let Ok(brdf) = Brdf::open(tight.with_one_budget()) {
+        let mut value = vec![0.0; brdf.reader().grid().channels().len()];
+        for _ in 0..4 {
+            let _ = brdf.eval_into([0.1, 0.2, 0.9], [-0.6, 0.1, 0.7], &mut value);
+        }
+    }
+    assert!(start.elapsed().as_secs() < 10, "far more than the budget");
+}
 
 pub fn run(data: &[u8]) {
     let data = sealed(data);
     let Ok(reader) = Reader::open_with_limits(&data[..], LIMITS) else { return };
     let reader = reader.with_pruned(Pruned::Coarse);
+    within_tight_limits(&data, &reader);
     let channels = reader.grid().channels().len();
     if reader.grid().positions() * channels > LIMITS.table_values {
         assert!(reader.decode_all().is_err() && reader.decode_table().is_err() && reader.verify().len() == 1);

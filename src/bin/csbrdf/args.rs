@@ -29,6 +29,11 @@ pub struct Cli {
     /// Threads to use; all processors if not given. The result does not depend on it
     #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
+    /// Most values of a table in a .csbrdf file, for files that are trusted: a number, or thousands, millions, billions of
+    /// them with k, M, G [default: 268435456]. Above the default, the limits on the time and memory that a file may take
+    /// grow with it
+    #[arg(long, global = true, value_name = "VALUES[k|M|G]", value_parser = values)]
+    pub limit: Option<usize>,
     /// No figures and no progress, only errors
     #[arg(long, short, global = true)]
     pub quiet: bool,
@@ -710,6 +715,19 @@ fn size(text: &str) -> Result<u64, String> {
     bytes.ok_or_else(|| "expected bytes, or thousands with k, millions with M".into())
 }
 
+/// A number of values.
+fn values(text: &str) -> Result<usize, String> {
+    let (number, unit) = match text {
+        n if n.ends_with(['k', 'K']) => (&n[..n.len() - 1], 1e3),
+        n if n.ends_with('M') => (&n[..n.len() - 1], 1e6),
+        n if n.ends_with('G') => (&n[..n.len() - 1], 1e9),
+        n => (n, 1.0),
+    };
+    let values = number.trim().parse::<f64>().ok().map(|x| (x * unit).floor());
+    let values = values.filter(|x| (1.0..9e15).contains(x)).map(|x| x as usize);
+    values.ok_or_else(|| "expected a number of values, or thousands with k, millions with M, billions with G".into())
+}
+
 fn ratio(text: &str) -> Result<f64, String> {
     let (number, unit) = text.strip_suffix('%').map_or((text, 1.0), |n| (n, 100.0));
     let ratio = number.trim().parse::<f64>().ok().map(|x| x / unit);
@@ -747,6 +765,11 @@ mod tests {
         assert!(["0", "101%", "-1", "nan", "", "%"].iter().all(|t| ratio(t).is_err()));
         assert_eq!(["60k", "1.5M", "777", "60 kB"].map(size), [Ok(60_000), Ok(1_500_000), Ok(777), Ok(60_000)]);
         assert!(["0", "-1", "k", "", "nan", "1e30", "5G"].iter().all(|t| size(t).is_err()));
+        assert_eq!(
+            ["300M", "1.5G", "7k", "268435456"].map(values),
+            [Ok(300_000_000), Ok(1_500_000_000), Ok(7000), Ok(1 << 28)]
+        );
+        assert!(["0", "-1", "G", "", "inf", "1e30", "5T"].iter().all(|t| values(t).is_err()));
         assert_eq!(lengths("15, 15,15").unwrap().0, [15, 15, 15]);
         assert!(["", "0,1,1", "7", "1,2,3,4", "1,2,3,4,5", "a,1,1", "1,,2", "-1"].iter().all(|t| lengths(t).is_err()));
         assert_eq!(numbers::<3>("0,-0.5,1e0"), Ok([0.0, -0.5, 1.0]));

@@ -315,6 +315,7 @@ fn encode(
     };
     drop(table);
     target.write(args.force, |out| Ok(out.write_all(&encoded.bytes)?))?;
+    encoded.report.needs_limit().into_iter().for_each(|values| input::note_needed_limit(target, values));
     Ok(Done {
         bytes: encoded.bytes.len(),
         ratio: size as f64 / encoded.bytes.len() as f64,

@@ -26,17 +26,16 @@ pub fn run(args: &InfoArgs) -> Outcome {
                 return table::print(file, data.as_ref(), args, i > 0);
             }
             let contents = Contents::of(file, data)?;
-            let mut text = match args.json {
-                true => format!("{}\n", json::object(&contents, args.blocks)),
-                false => report(&contents),
-            };
-            if args.blocks && !args.json {
-                text.push_str(&blocks::report(&contents));
+            match args.json {
+                true => json::print_object(&contents, args.blocks)?,
+                false => {
+                    let between = if i > 0 { "\n" } else { "" };
+                    print(&format!("{between}{}", report(&contents)))?;
+                    if args.blocks {
+                        blocks::print_rows(&contents)?;
+                    }
+                }
             }
-            if i > 0 && !args.json {
-                text.insert(0, '\n');
-            }
-            print(&text)?;
             match contents.damage.len() {
                 0 => Ok(()),
                 n => Err(Failure::bad_input(file, format!("{n} of its parts are damaged; fetch the file again"))),
@@ -89,7 +88,7 @@ fn report(contents: &Contents) -> String {
         true => "every valid entry".into(),
         false => format!("{} % of the positions drawn", crate::text::nine_digits((100.0 * ratio) as f32)),
     };
-    let most = contents.blocks.iter().map(|b| b.info.ratio).fold(ratio, f64::max);
+    let most = contents.summary.ratio.max(ratio);
     let sampling = match most > ratio {
         true => format!("{sampling} and up, to {} % by block", crate::text::nine_digits((100.0 * most) as f32)),
         false => sampling,
@@ -132,21 +131,20 @@ fn tables(contents: &Contents) -> String {
         let _ = writeln!(text, "  {:<22} {:>12} {:>8}", clean(name), grouped(*bytes), percent(*bytes, contents.bytes));
     }
     let _ = writeln!(text, "\n{:<24} {:>12} {:>8}", "validity of blocks", "blocks", "");
-    for class in ValidityClass::ALL {
-        let count = contents.blocks.iter().filter(|b| b.info.class == class).count();
+    for (class, count) in ValidityClass::ALL.into_iter().zip(contents.summary.classes) {
         if count > 0 {
             let share = percent(count, contents.reader.block_count());
             let _ = writeln!(text, "  {:<22} {:>12} {share:>8}", class.as_str(), grouped(count));
         }
     }
-    let counts = contents.origins();
+    let counts = contents.summary.origins;
     let entries = counts.iter().sum();
     let _ = writeln!(text, "\n{:<24} {:>12} {:>8}", "origin of entries", "entries", "");
     for ((name, _), count) in ORIGINS.iter().zip(counts) {
         let _ = writeln!(text, "  {:<22} {:>12} {:>8}", name, grouped(count), percent(count, entries));
     }
     let bounds = contents.error_bounds();
-    let worst = contents.worst_block().map_or(String::new(), |b| format!(" (block {b})"));
+    let worst = contents.summary.worst.map_or(String::new(), |(block, _)| format!(" (block {block})"));
     let _ = writeln!(text, "\nlog error over the valid entries");
     if let Some((rms, max)) = contents.measured_errors() {
         let _ = writeln!(text, "  {:<22} rms {}, largest {}", "by the encoder", error_figure(rms), error_figure(max));

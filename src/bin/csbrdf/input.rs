@@ -3,13 +3,14 @@
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
+use std::sync::OnceLock;
 
 use csbrdf::decode::{Pruned, Reader};
-use csbrdf::format::MAGIC;
+use csbrdf::format::{Limits, MAGIC};
 use csbrdf::table::BrdfTable;
 use csbrdf::table::merl::read_merl;
 
-use crate::failure::{Failure, Outcome};
+use crate::failure::{Failure, Outcome, note};
 
 /// Most bytes that are read from a pipe: it may never end.
 const STREAM_LIMIT: u64 = 1 << 30;
@@ -75,9 +76,35 @@ fn stream(path: &Path, from: impl Read) -> Result<Bytes, Failure> {
     Ok(Bytes::Heap(bytes))
 }
 
+/// What files may take, if --limit says so.
+static LIMITS: OnceLock<Limits> = OnceLock::new();
+
+/// Sets what files may take, once.
+pub fn set_limits(limits: Limits) {
+    let _ = LIMITS.set(limits);
+}
+
+/// What files may take.
+pub fn limits() -> Limits {
+    LIMITS.get().copied().unwrap_or_default()
+}
+
+/// A reader of a csbrdf file's bytes. All that a command asks of a file comes out of one budget.
+pub fn reader<D: AsRef<[u8]>>(bytes: D) -> csbrdf::Result<Reader<D>> {
+    Ok(Reader::open_with_limits(bytes, limits())?.with_one_budget())
+}
+
 /// Opens a csbrdf file.
 pub fn open(path: &Path) -> Result<Reader<Bytes>, Failure> {
-    Reader::open(read(path)?).map_err(|e| Failure::in_file(path, &e))
+    reader(read(path)?).map_err(|e| Failure::in_file(path, &e))
+}
+
+/// Says of a file that was written that others read it only if they are told to.
+pub fn note_needed_limit(file: impl std::fmt::Display, values: usize) {
+    if values > Limits::default().table_values {
+        let most = Limits::default().table_values;
+        note(&format!("{file}: {values} values; readers take {most} by default, this one with --limit {values}"));
+    }
 }
 
 /// What to make of blocks that were pruned.
@@ -106,5 +133,5 @@ pub fn table(path: &Path) -> Result<BrdfTable, Failure> {
         expect_merl(path, bytes.as_ref())?;
         return read_merl(bytes.as_ref()).map_err(|e| Failure::in_file(path, &e));
     }
-    Reader::open(bytes).and_then(|reader| reader.decode_table()).map_err(|e| Failure::in_file(path, &e))
+    reader(bytes).and_then(|reader| reader.decode_table()).map_err(|e| Failure::in_file(path, &e))
 }

@@ -3,7 +3,6 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use csbrdf::decode::Reader;
 use csbrdf::eval::Brdf;
 use csbrdf::format::MAGIC;
 use csbrdf::lint::{Deviation, Findings, Warning, lint_brdf, lint_table};
@@ -39,7 +38,7 @@ pub fn run(args: &LintArgs) -> Outcome {
 fn look(file: &Path) -> Result<Findings, Failure> {
     let bytes = input::read(file)?;
     let found = if bytes.as_ref().starts_with(&MAGIC) {
-        Reader::open(bytes).and_then(Brdf::open).and_then(|brdf| lint_brdf(&brdf))
+        input::reader(bytes).and_then(Brdf::open).and_then(|brdf| lint_brdf(&brdf))
     } else {
         input::expect_merl(file, bytes.as_ref())?;
         read_merl(bytes.as_ref()).and_then(|table| lint_table(&table))

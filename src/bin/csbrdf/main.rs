@@ -33,7 +33,8 @@ use std::process::ExitCode;
 use clap::Parser;
 
 use args::{Cli, Command};
-use failure::{Failure, Outcome};
+use csbrdf::format::Limits;
+use failure::{Failure, Outcome, note};
 
 fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
@@ -53,13 +54,33 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(cli: Cli) -> Outcome {
-    if let Some(threads) = cli.threads {
-        rayon::ThreadPoolBuilder::new()
-            .num_threads(threads.into())
-            .build_global()
-            .map_err(|e| Failure::operation(format!("cannot start {threads} threads: {e}; ask for fewer")))?;
+/// Most threads of the pool: more take memory and gain nothing on any machine that this was tried on.
+const MOST_THREADS: usize = 256;
+
+/// The names that the pool asks the environment for, in its order.
+const THREADS_VARIABLES: [&str; 2] = ["RAYON_NUM_THREADS", "RAYON_RS_NUM_CPUS"];
+
+/// Starts the pool with the threads asked for, by the option or the environment, but not with any number of them.
+fn start_threads(asked: Option<u16>) -> Outcome {
+    let of = |name: &'static str| Some((std::env::var(name).ok()?.parse::<usize>().ok()?, name));
+    let asked = asked.map(|threads| (usize::from(threads), "--threads"));
+    let Some((threads, source)) = asked.or_else(|| THREADS_VARIABLES.into_iter().find_map(of)) else { return Ok(()) };
+    if threads > MOST_THREADS {
+        note(&format!("csbrdf: {source} asks for {threads} threads; {MOST_THREADS} are started, the most that are"));
     }
+    // 0 stands for as many as there are processors.
+    let threads = threads.min(MOST_THREADS);
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build_global()
+        .map_err(|e| Failure::operation(format!("cannot start {threads} threads: {e}; ask for fewer with --threads")))
+}
+
+fn run(cli: Cli) -> Outcome {
+    if let Some(values) = cli.limit {
+        input::set_limits(Limits::of_table(values));
+    }
+    start_threads(cli.threads)?;
     match cli.command {
         Command::Plan(args) => plan::run(&args, cli.quiet),
         Command::Encode(args) => encode::run(&args, cli.threads, cli.quiet),

@@ -45,6 +45,7 @@ pub fn run(args: &PruneArgs, quiet: bool) -> Outcome {
     }
     let pruned = pruner.prune(&reader).map_err(|e| Failure::in_file(&args.input, &e))?;
     target.write(args.force, |out| Ok(out.write_all(&pruned.bytes)?))?;
+    input::note_needed_limit(&target, reader.grid().positions() * kept);
     if !quiet {
         let (before, after) = (reader.directory().file_length(), pruned.bytes.len());
         let of_channels =

@@ -17,7 +17,7 @@ pub fn run(args: &RepairArgs, quiet: bool) -> Outcome {
     let target = Target::of(&output);
     target.check(args.force)?;
     let bytes = input::read(&args.input)?;
-    let options = Options::default().evidence(args.evidence);
+    let options = Options::default().limits(input::limits()).evidence(args.evidence);
     let repaired = repair_with(bytes.as_ref(), &options).map_err(|e| Failure::in_file(&args.input, &e))?;
     target.write(args.force, |out| Ok(out.write_all(&repaired.bytes)?))?;
     list(&args.input, &repaired.salvaged, quiet);

@@ -16,7 +16,8 @@ use crate::text::grouped;
 pub fn decode(args: &DecodeArgs, format: FormatArg, target: &Target, quiet: bool) -> Outcome {
     let failed = |e: csbrdf::Error| Failure::in_file(&args.input, &e);
     let bytes = input::read(&args.input)?;
-    let salvaged = salvage_with(bytes.as_ref(), &Options::default().evidence(args.evidence)).map_err(failed)?;
+    let options = Options::default().limits(input::limits()).evidence(args.evidence);
+    let salvaged = salvage_with(bytes.as_ref(), &options).map_err(failed)?;
     if args.exact {
         let (values, _) = salvaged.exact_table(f64::from(MISSING)).map_err(failed)?;
         target.write(args.force, |out| write_merl_values(salvaged.reader().grid(), &values, out))?;

@@ -73,7 +73,7 @@ pub struct Original<'a> {
 
 /// Checks a file, and compares it with its original if that is given.
 pub fn verify(file: &Path, bytes: Bytes, against: Option<&Original>) -> (String, Outcome) {
-    let reader = match Reader::open(bytes) {
+    let reader = match input::reader(bytes) {
         Ok(reader) => reader,
         Err(e) => return (String::new(), Err(Failure::in_file(file, &e))),
     };

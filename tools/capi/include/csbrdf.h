@@ -133,7 +133,7 @@ typedef enum {
      */
     CSBRDF_CORRUPT = 5,
     /**
-     * A size in the file is above the limit in csbrdf_options.
+     * A size in the file is above the limit in csbrdf_options, or the file takes more time or memory than one may.
      */
     CSBRDF_LIMIT_EXCEEDED = 6,
     /**

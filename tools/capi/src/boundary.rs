@@ -30,7 +30,7 @@ impl From<Error> for Failure {
             Error::NotCsbrdf { .. } => CSBRDF_NOT_CSBRDF,
             Error::UnsupportedVersion { .. } => CSBRDF_UNSUPPORTED_VERSION,
             Error::Truncated { .. } => CSBRDF_TRUNCATED,
-            Error::LimitExceeded { .. } => CSBRDF_LIMIT_EXCEEDED,
+            Error::LimitExceeded { .. } | Error::OutOfMemory { .. } => CSBRDF_LIMIT_EXCEEDED,
             Error::InvalidArgument(_) => CSBRDF_INVALID_ARGUMENT,
             Error::Pruned { .. } => CSBRDF_PRUNED,
             Error::Lost { .. } => CSBRDF_LOST,

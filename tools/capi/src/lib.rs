@@ -56,7 +56,7 @@ pub enum csbrdf_status {
     CSBRDF_TRUNCATED = 4,
     /// The file is damaged, or contradicts itself.
     CSBRDF_CORRUPT = 5,
-    /// A size in the file is above the limit in csbrdf_options.
+    /// A size in the file is above the limit in csbrdf_options, or the file takes more time or memory than one may.
     CSBRDF_LIMIT_EXCEEDED = 6,
     /// An argument is NULL or out of its range, an array has the wrong length, or the file cannot answer the question.
     CSBRDF_INVALID_ARGUMENT = 7,

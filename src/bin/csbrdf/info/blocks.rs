@@ -3,6 +3,8 @@
 use std::fmt::Write;
 
 use super::contents::Contents;
+use crate::failure::Outcome;
+use crate::output::print;
 use crate::text::{error_figure, grouped};
 
 /// From few bytes to many.
@@ -11,15 +13,21 @@ const SHADES: [char; 9] = ['.', ':', '-', '=', '+', 'o', '*', '#', '@'];
 /// Widest map line.
 const WIDTH: usize = 100;
 
-pub fn report(contents: &Contents) -> String {
+/// Bytes of text that are printed at a time.
+pub const ENOUGH: usize = 1 << 16;
+
+/// Prints them as they are read.
+pub fn print_rows(contents: &Contents) -> Outcome {
     let mut text = String::from("\n");
     let _ = writeln!(
         text,
         "{:>6}  {:<16} {:<13} {:<16} {:>7} {:>8} {:>8} {:>9} {:>9}",
         "block", "origin", "shape", "class", "bytes", "valid", "sampled", "rms <=", "max <="
     );
-    for block in &contents.blocks {
+    let mut map = Map::new(contents);
+    contents.for_each_block(|block| {
         let info = &block.info;
+        map.add(info.block.origin, info.record.len());
         let _ = writeln!(
             text,
             "{:>6}  {:<16} {:<13} {:<16} {:>7} {:>8} {:>8} {:>9} {:>9}",
@@ -33,10 +41,11 @@ pub fn report(contents: &Contents) -> String {
             error_figure(info.rms.into()),
             error_figure(info.max.into())
         );
-    }
+        if text.len() < ENOUGH { Ok(()) } else { print(&std::mem::take(&mut text)) }
+    })?;
     text.push('\n');
-    text.push_str(&map(contents));
-    text
+    print(&text)?;
+    print(&text_of(&map, contents))
 }
 
 fn join(list: &[usize], separator: &str) -> String {
@@ -44,18 +53,32 @@ fn join(list: &[usize], separator: &str) -> String {
 }
 
 /// One character a block, or a tile where tiles differ in their blocks; slices over the first axis side by side.
-fn map(contents: &Contents) -> String {
-    let partition = contents.reader.partition();
-    let uniform = partition.blocks_per_axis().is_some();
-    let cell = if uniform { partition.shapes()[0] } else { partition.tile() };
-    let grid = partition.grid();
-    let cells: [usize; 4] = std::array::from_fn(|i| grid[i].div_ceil(cell[i]));
-    let index = |at: [usize; 4]| ((at[0] * cells[1] + at[1]) * cells[2] + at[2]) * cells[3] + at[3];
-    let mut sizes = vec![0usize; cells.iter().product()];
-    for block in &contents.blocks {
-        let at = std::array::from_fn(|i| block.info.block.origin[i] / cell[i]);
-        sizes[index(at)] += block.info.record.len();
+struct Map {
+    uniform: bool,
+    cell: [usize; 4],
+    cells: [usize; 4],
+    /// Bytes of each: eight a block at most.
+    sizes: Vec<usize>,
+}
+
+impl Map {
+    fn new(contents: &Contents) -> Map {
+        let partition = contents.reader.partition();
+        let uniform = partition.blocks_per_axis().is_some();
+        let cell = if uniform { partition.shapes()[0] } else { partition.tile() };
+        let grid = partition.grid();
+        let cells: [usize; 4] = std::array::from_fn(|i| grid[i].div_ceil(cell[i]));
+        Map { uniform, cell, cells, sizes: vec![0; cells.iter().product()] }
     }
+
+    fn add(&mut self, origin: [usize; 4], bytes: usize) {
+        let (at, cells): ([usize; 4], _) = (std::array::from_fn(|i| origin[i] / self.cell[i]), self.cells);
+        self.sizes[((at[0] * cells[1] + at[1]) * cells[2] + at[2]) * cells[3] + at[3]] += bytes;
+    }
+}
+
+fn text_of(map: &Map, contents: &Contents) -> String {
+    let Map { uniform, cells, sizes, .. } = map;
     let (Some(&least), Some(&most)) = (sizes.iter().filter(|s| **s > 0).min(), sizes.iter().max()) else {
         return String::new();
     };
@@ -68,7 +91,7 @@ fn map(contents: &Contents) -> String {
             SHADES[((t * SHADES.len() as f64) as usize).min(SHADES.len() - 1)]
         }
     };
-    let unit = if uniform { "block" } else { "tile" };
+    let unit = if *uniform { "block" } else { "tile" };
     let mut text = format!(
         "bytes of each {unit}: {} is {} up, {} is up to {}\n",
         SHADES[0],

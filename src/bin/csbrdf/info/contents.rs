@@ -3,11 +3,12 @@
 use std::path::Path;
 
 use csbrdf::decode::{BlockInfo, Origin, Reader};
+use csbrdf::format::record::ValidityClass;
 use rayon::prelude::*;
 use serde_json::Value;
 
-use crate::failure::Failure;
-use crate::input::{Bytes, label};
+use crate::failure::{Failure, Outcome};
+use crate::input::{self, Bytes, label};
 
 /// Origins and their names, in the order of [`Block::origins`].
 pub const ORIGINS: [(&str, Origin); 4] = [
@@ -16,6 +17,12 @@ pub const ORIGINS: [(&str, Origin); 4] = [
     ("filled", Origin::Filled),
     ("impossible", Origin::Impossible),
 ];
+
+/// Most damaged parts that are listed.
+const MOST_DAMAGE: usize = 1 << 12;
+
+/// Numbers that are kept of blocks at a time.
+const AT_ONCE: usize = 1 << 18;
 
 /// Class and checksum of a record.
 const RECORD_OVERHEAD: usize = 5;
@@ -30,6 +37,45 @@ pub struct Block {
     pub origins: [usize; 4],
 }
 
+/// Figures of all blocks.
+#[derive(Default)]
+pub struct Summary {
+    /// Blocks of each class, in the order of [`ValidityClass::ALL`].
+    pub classes: [usize; ValidityClass::ALL.len()],
+    /// Entries of each origin, as in [`ORIGINS`].
+    pub origins: [usize; 4],
+    /// Largest sampling ratio.
+    pub ratio: f64,
+    /// Number of the block with the largest error, and that error.
+    pub worst: Option<(usize, f32)>,
+    /// Bytes of records beside class and checksum.
+    coded: usize,
+    /// Of the bounds on the errors: sum of squares over valid entries, their number, the largest.
+    squares: f64,
+    valid: usize,
+    max: f64,
+}
+
+impl Summary {
+    fn add(&mut self, block: &Block) {
+        let info = &block.info;
+        self.classes[info.class as usize] += 1;
+        self.origins.iter_mut().zip(block.origins).for_each(|(sum, count)| *sum += count);
+        self.ratio = self.ratio.max(info.ratio);
+        // The last of those that have it.
+        if self.worst.is_none_or(|(_, max)| info.max.total_cmp(&max).is_ge()) {
+            self.worst = Some((block.number, info.max));
+        }
+        self.coded += info.record.len().saturating_sub(RECORD_OVERHEAD);
+        let valid: usize = info.valid.iter().sum();
+        if valid > 0 {
+            self.squares += f64::from(info.rms).powi(2) * valid as f64;
+            self.max = self.max.max(info.max.into());
+        }
+        self.valid += valid;
+    }
+}
+
 /// A file and figures about it.
 pub struct Contents {
     /// Name for messages.
@@ -42,8 +88,8 @@ pub struct Contents {
     pub reader: Reader<Bytes>,
     /// Section names and sizes, "frame" for what is outside of them.
     pub sections: Vec<(String, usize)>,
-    /// Its blocks, damaged ones left out.
-    pub blocks: Vec<Block>,
+    /// Of its blocks, damaged ones left out.
+    pub summary: Summary,
     /// Metadata as a JSON object.
     pub metadata: Value,
     /// What could not be read.
@@ -54,7 +100,7 @@ impl Contents {
     /// Reads all of a file but the coefficients.
     pub fn of(path: &Path, data: Bytes) -> Result<Contents, Failure> {
         let bytes = data.as_ref().len();
-        let reader = Reader::open(data).map_err(|e| Failure::in_file(path, &e))?;
+        let reader = input::reader(data).map_err(|e| Failure::in_file(path, &e))?;
         let mut sections: Vec<(String, usize)> =
             reader.directory().sections().iter().map(|s| (s.name(), s.range.len())).collect();
         let inside: usize = sections.iter().map(|s| s.1).sum();
@@ -67,47 +113,37 @@ impl Contents {
                 Value::Null
             }
         };
-        let found: Vec<csbrdf::Result<Block>> =
-            (0..reader.block_count()).into_par_iter().map(|number| block(&reader, number)).collect();
-        let mut blocks = Vec::with_capacity(found.len());
-        for result in found {
-            match result {
-                Ok(block) => blocks.push(block),
-                Err(e) => damage.push(e.to_string()),
+        let (mut summary, mut more) = (Summary::default(), 0);
+        for_each_block(&reader, |found| {
+            match found {
+                Ok(block) => summary.add(&block),
+                Err(e) if is_limit(&e) => return Err(Failure::in_file(path, &e)),
+                Err(e) if damage.len() < MOST_DAMAGE => damage.push(e.to_string()),
+                Err(_) => more += 1,
             }
-        }
-        Ok(Contents { name: label(path), bytes, version: reader.version(), reader, sections, blocks, metadata, damage })
+            Ok(())
+        })?;
+        damage.extend((more > 0).then(|| format!("and {more} blocks more; `csbrdf verify` lists them")));
+        let (name, version) = (label(path), reader.version());
+        Ok(Contents { name, bytes, version, reader, sections, summary, metadata, damage })
     }
 
-    /// Entries of each origin, as in [`ORIGINS`].
-    pub fn origins(&self) -> [usize; 4] {
-        std::array::from_fn(|i| self.blocks.iter().map(|b| b.origins[i]).sum())
+    /// Calls `each` with all blocks in order that can be read.
+    pub fn for_each_block(&self, mut each: impl FnMut(&Block) -> Outcome) -> Outcome {
+        for_each_block(&self.reader, |found| found.map_or(Ok(()), |block| each(&block)))
     }
 
     /// Bytes a block that are neither coefficients nor masks.
     pub fn side_per_block(&self) -> f64 {
-        let coded: usize = self.blocks.iter().map(|b| b.info.record.len().saturating_sub(RECORD_OVERHEAD)).sum();
+        let coded = self.summary.coded;
         let exact = self.sections.iter().find(|(name, _)| name == "EXCT").map_or(0, |(_, bytes)| *bytes);
         self.bytes.saturating_sub(coded + exact) as f64 / self.reader.block_count() as f64
     }
 
     /// Bounds on rms and largest error over the valid entries, from those of the blocks.
     pub fn error_bounds(&self) -> (f64, f64) {
-        let (mut squares, mut count, mut max) = (0.0, 0usize, 0.0f64);
-        for block in &self.blocks {
-            let valid: usize = block.info.valid.iter().sum();
-            if valid > 0 {
-                squares += f64::from(block.info.rms).powi(2) * valid as f64;
-                max = max.max(block.info.max.into());
-            }
-            count += valid;
-        }
-        ((squares / count.max(1) as f64).sqrt(), max)
-    }
-
-    /// Number of the block with the largest error.
-    pub fn worst_block(&self) -> Option<usize> {
-        self.blocks.iter().max_by(|a, b| a.info.max.total_cmp(&b.info.max)).map(|b| b.number)
+        let Summary { squares, valid, max, .. } = self.summary;
+        ((squares / valid.max(1) as f64).sqrt(), max)
     }
 
     /// Rms and largest error that the encoder measured and noted in the metadata.
@@ -145,13 +181,22 @@ pub fn by(lengths: &[usize]) -> String {
     lengths.iter().map(usize::to_string).collect::<Vec<_>>().join(" x ")
 }
 
-fn block(reader: &Reader<Bytes>, number: usize) -> csbrdf::Result<Block> {
-    let info = reader.block_info(number)?;
-    let mut origins = [0; 4];
-    for origin in reader.block_origin(number)? {
-        if let Some(i) = ORIGINS.iter().position(|(_, o)| *o == origin) {
-            origins[i] += 1;
-        }
+/// Calls `each` with what is known of every block, in order. As many are kept as few numbers take: a file may have millions.
+fn for_each_block(reader: &Reader<Bytes>, mut each: impl FnMut(csbrdf::Result<Block>) -> Outcome) -> Outcome {
+    let at_once = (AT_ONCE / (16 + reader.grid().channels().len())).max(1);
+    for first in (0..reader.block_count()).step_by(at_once) {
+        let numbers = first..reader.block_count().min(first + at_once);
+        let found: Vec<csbrdf::Result<Block>> = numbers.into_par_iter().map(|number| block(reader, number)).collect();
+        found.into_iter().try_for_each(&mut each)?;
     }
-    Ok(Block { number, info, origins })
+    Ok(())
+}
+
+fn block(reader: &Reader<Bytes>, number: usize) -> csbrdf::Result<Block> {
+    Ok(Block { number, info: reader.block_info(number)?, origins: reader.block_origins(number)? })
+}
+
+/// Whether the file is too much, not damaged.
+fn is_limit(error: &csbrdf::Error) -> bool {
+    matches!(error.kind(), csbrdf::Error::LimitExceeded { .. } | csbrdf::Error::OutOfMemory { .. })
 }

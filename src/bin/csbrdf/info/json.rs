@@ -1,14 +1,33 @@
 //! `info --json`.
 
+use std::fmt::Write;
+
 use csbrdf::format::record::ValidityClass;
 use csbrdf::grid::Mapping;
 use serde_json::{Map, Value, json};
 
+use super::blocks::ENOUGH;
 use super::contents::{Block, Contents, ORIGINS};
 use super::transform_name;
+use crate::failure::Outcome;
+use crate::output::print;
 
-/// The object of one file. Keys stay; new ones may be added.
-pub fn object(contents: &Contents, with_blocks: bool) -> Value {
+/// Prints the object of one file. Keys stay; new ones may be added. Blocks are printed as they are read.
+pub fn print_object(contents: &Contents, with_blocks: bool) -> Outcome {
+    let text = object(contents).to_string();
+    let Some(open) = text.strip_suffix('}').filter(|_| with_blocks) else { return print(&format!("{text}\n")) };
+    print(&format!("{open},\"blocks\":["))?;
+    let mut separator = "";
+    let mut rows = String::new();
+    contents.for_each_block(|found| {
+        let _ = write!(rows, "{separator}{}", block(contents, found));
+        separator = ",";
+        if rows.len() < ENOUGH { Ok(()) } else { print(&std::mem::take(&mut rows)) }
+    })?;
+    print(&format!("{rows}]}}\n"))
+}
+
+fn object(contents: &Contents) -> Value {
     let reader = &contents.reader;
     let grid = reader.grid();
     let axis = |a: &csbrdf::grid::Axis| {
@@ -22,13 +41,12 @@ pub fn object(contents: &Contents, with_blocks: bool) -> Value {
     let shapes: Vec<&[usize]> = partition.shapes().iter().map(|s| contents.unpadded(s)).collect();
     let per_axis = partition.blocks_per_axis();
     let mut classes = Map::new();
-    for class in ValidityClass::ALL {
-        let count = contents.blocks.iter().filter(|b| b.info.class == class).count();
+    for (class, count) in ValidityClass::ALL.into_iter().zip(contents.summary.classes) {
         classes.insert(class.as_str().replace(' ', "_"), count.into());
     }
     let (rms_bound, max_bound) = contents.error_bounds();
     let measured = contents.measured_errors();
-    let mut object = json!({
+    json!({
         "file": contents.name,
         "bytes": contents.bytes,
         "version": {"major": contents.version.0, "minor": contents.version.1, "draft": contents.version.2},
@@ -56,7 +74,7 @@ pub fn object(contents: &Contents, with_blocks: bool) -> Value {
         "sections": contents.sections.iter().map(section).collect::<Vec<_>>(),
         "side_bytes_per_block": contents.side_per_block(),
         "validity_classes": classes,
-        "origins": origins(contents.origins()),
+        "origins": origins(contents.summary.origins),
         "errors": {
             "log_rms": measured.map(|m| m.0),
             "log_max": measured.map(|m| m.1),
@@ -65,11 +83,7 @@ pub fn object(contents: &Contents, with_blocks: bool) -> Value {
         },
         "metadata": contents.metadata,
         "damage": contents.damage,
-    });
-    if with_blocks {
-        object["blocks"] = contents.blocks.iter().map(|b| block(contents, b)).collect();
-    }
-    object
+    })
 }
 
 fn origins(counts: [usize; 4]) -> Value {

@@ -4,7 +4,6 @@
 use std::collections::HashSet;
 use std::path::Path;
 
-use csbrdf::decode::Reader;
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 
@@ -101,7 +100,7 @@ fn differs(path: &Path, bytes: Bytes, manifest: &Manifest, material: &Material, 
 
 /// What the manifest states of a file and the file itself otherwise; nothing of what it does not say.
 fn statements(material: &Material, bytes: &[u8]) -> Vec<String> {
-    let Ok(reader) = Reader::open(bytes) else { return Vec::new() };
+    let Ok(reader) = input::reader(bytes) else { return Vec::new() };
     let Ok(metadata) = reader.metadata() else { return Vec::new() };
     let encoder = metadata.encoder.unwrap_or_default();
     let mut found = Vec::new();
