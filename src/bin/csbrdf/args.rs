@@ -18,7 +18,8 @@ With several inputs: the code of the first that failed.";
 /// Compresses measured BRDFs and gives them back, whole, by block or by direction.
 ///
 /// Results go to standard output or to files, figures and messages to standard error. `-` is standard input or
-/// output. No file is replaced without --force, and none appears under its name before it is complete.
+/// output. No file is replaced without --force, no input and no table that an input was made from without --replace-source, and
+/// none appears under its name before it is complete.
 #[derive(Debug, Parser)]
 #[command(version, after_help = EXIT_CODES, subcommand_required = true, arg_required_else_help = true)]
 pub struct Cli {
@@ -182,6 +183,9 @@ pub struct EncodeArgs {
     /// Replace files that exist
     #[arg(long, short)]
     pub force: bool,
+    /// As --force, and replace also an input itself, or the table that an input was made from
+    #[arg(long)]
+    pub replace_source: bool,
 }
 
 impl EncodeArgs {
@@ -219,6 +223,9 @@ pub struct PlanArgs {
     /// Replace the file if it exists
     #[arg(long, short)]
     pub force: bool,
+    /// As --force, and replace also an input itself, or the table that an input was made from
+    #[arg(long)]
+    pub replace_source: bool,
 }
 
 /// Arguments of `decode`.
@@ -227,7 +234,8 @@ pub struct DecodeArgs {
     /// A .csbrdf file, or - for standard input
     #[arg(value_name = "FILE")]
     pub input: PathBuf,
-    /// Output file, - for standard output; if not given, a name made of the input's, beside it
+    /// Output file, - for standard output; if not given, the input's name with .decoded.binary, .decoded.npy or
+    /// .block-I-J-K.npy, beside it: no source has such a name
     #[arg(short, long, value_name = "OUT")]
     pub output: Option<PathBuf>,
     /// binary: as MERL's tables; npy: float32, [channels, axes...], 1/sr; csv: rows of one block. [default: by the
@@ -252,6 +260,9 @@ pub struct DecodeArgs {
     /// Replace the file if it exists
     #[arg(long, short)]
     pub force: bool,
+    /// As --force, and replace also an input itself, or the table that an input was made from
+    #[arg(long)]
+    pub replace_source: bool,
 }
 
 /// Arguments of `info`.
@@ -324,6 +335,9 @@ pub struct CompareArgs {
     /// Replace the picture if it exists
     #[arg(long, short)]
     pub force: bool,
+    /// As --force, and replace also an input itself, or the table that an input was made from
+    #[arg(long)]
+    pub replace_source: bool,
 }
 
 /// Arguments of `eval`.
@@ -361,6 +375,9 @@ pub struct EvalArgs {
     /// Replace the trace if it exists
     #[arg(long, short)]
     pub force: bool,
+    /// As --force, and replace also an input itself, or the table that an input was made from
+    #[arg(long)]
+    pub replace_source: bool,
 }
 
 /// Arguments of `render`.
@@ -390,6 +407,9 @@ pub struct RenderArgs {
     /// Replace files that exist
     #[arg(long, short)]
     pub force: bool,
+    /// As --force, and replace also an input itself, or the table that an input was made from
+    #[arg(long)]
+    pub replace_source: bool,
 }
 
 /// Arguments of `prune`.
@@ -415,6 +435,9 @@ pub struct PruneArgs {
     /// Replace the file if it exists
     #[arg(long, short)]
     pub force: bool,
+    /// As --force, and replace also an input itself, or the table that an input was made from
+    #[arg(long)]
+    pub replace_source: bool,
 }
 
 /// Arguments of `repair`.
@@ -432,6 +455,9 @@ pub struct RepairArgs {
     /// Replace the file if it exists
     #[arg(long, short)]
     pub force: bool,
+    /// As --force, and replace also an input itself, or the table that an input was made from
+    #[arg(long)]
+    pub replace_source: bool,
 }
 
 /// Arguments of `synth`.
@@ -497,6 +523,9 @@ pub struct ReportArgs {
     /// Replace the files of an earlier report
     #[arg(long, short)]
     pub force: bool,
+    /// As --force, and replace also an input itself, or the table that an input was made from
+    #[arg(long)]
+    pub replace_source: bool,
 }
 
 /// Arguments of `demo`.
@@ -553,6 +582,9 @@ pub struct StudyArgs {
     /// Write into a folder that is not empty, replacing files
     #[arg(long, short)]
     pub force: bool,
+    /// As --force, and replace also an input itself, or the table that an input was made from
+    #[arg(long)]
+    pub replace_source: bool,
 }
 
 /// `--only`.
