@@ -1,4 +1,5 @@
-//! Runs of the tool that end: in time, or as failures.
+//! Runs of the tool that end: in time, or as failures. Each test uses some of it.
+#![allow(dead_code)]
 
 use std::io::Read;
 use std::path::Path;
