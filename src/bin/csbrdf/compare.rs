@@ -25,7 +25,7 @@ pub fn run(args: &CompareArgs, quiet: bool) -> Outcome {
     if is_dash(&args.reference) && is_dash(&args.other) {
         return Err(Failure::usage("only one of the two tables can come from standard input"));
     }
-    let guard = Guard::new(args.force, args.replace_source).input(&args.reference).input(&args.other);
+    let mut guard = Guard::new(args.force, args.replace_source).input(&args.reference).input(&args.other);
     let png = args.png.as_deref().map(Target::of);
     if let Some(target) = &png {
         if args.render == 0 {
@@ -36,8 +36,8 @@ pub fn run(args: &CompareArgs, quiet: bool) -> Outcome {
         }
         target.check(&guard)?;
     }
-    let reference = input::table(&args.reference)?;
-    let other = input::table(&args.other)?;
+    let reference = input::table(&args.reference, &mut guard)?;
+    let other = input::table(&args.other, &mut guard)?;
     let comparison = compare_with_eps(&reference, &other, args.eps).map_err(|e| Failure::in_file(&args.other, &e))?;
     let names: Vec<String> = reference.grid().channels().iter().map(|c| clean(&c.name)).collect();
     let size = usize::from(args.render);

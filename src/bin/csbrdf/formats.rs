@@ -48,6 +48,13 @@ pub fn head(kinds: &[Kind]) -> u64 {
     if kinds.contains(&Kind::List) { 1 << 16 } else { 2048 }
 }
 
+/// Bytes that are enough to see that an input is of none of the kinds, unless these are blanks: magic, dimensions, a brace. What is
+/// damaged and what is a list takes all of the head.
+pub fn least(kinds: &[Kind]) -> u64 {
+    let long = kinds.iter().any(|kind| matches!(kind, Kind::Damaged | Kind::List));
+    if long { head(kinds) } else { DIMENSIONS as u64 }
+}
+
 /// The length that the first bytes state, of an input of which `all` bytes can be had. Fails if it is of none of the kinds.
 pub fn length(path: &Path, head: &[u8], all: u64, kinds: &[Kind]) -> Result<Length, Failure> {
     let accepts = |kind: Kind| kinds.contains(&kind);

@@ -10,6 +10,7 @@ use csbrdf::table::merl::read_merl;
 use crate::failure::Failure;
 pub use crate::formats::expect_merl;
 use crate::formats::{Kind, TABLE};
+use crate::guard::Guard;
 use crate::source::{self, Source};
 
 /// The bytes of an input.
@@ -65,9 +66,16 @@ pub fn pruned(coarse: bool) -> Pruned {
     if coarse { Pruned::Coarse } else { Pruned::Refuse }
 }
 
-/// The table in a file of either format, told apart by its first bytes.
-pub fn table(path: &Path) -> Result<BrdfTable, Failure> {
-    table_of(path, read(path, TABLE)?)
+/// The table in a file of either format, told apart by its first bytes; what the metadata of a csbrdf file name as its source is
+/// guarded.
+pub fn table(path: &Path, guard: &mut Guard) -> Result<BrdfTable, Failure> {
+    let bytes = read(path, TABLE)?;
+    if !bytes.as_ref().starts_with(&MAGIC) {
+        return table_of(path, bytes);
+    }
+    let reader = Reader::open(bytes).map_err(|e| Failure::in_file(path, &e))?;
+    *guard = std::mem::take(guard).source_of(path, &reader);
+    reader.decode_table().map_err(|e| Failure::in_file(path, &e))
 }
 
 /// The table in the bytes of a file of either format.

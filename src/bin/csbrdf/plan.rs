@@ -19,12 +19,12 @@ pub fn run(args: &PlanArgs, quiet: bool) -> Outcome {
         return Err(Failure::usage("only one of the two tables can come from standard input"));
     }
     let target = args.output.as_deref().map_or(Target::Stdout, Target::of);
-    let guard = Guard::new(args.force, args.replace_source).inputs(&args.valid).inputs(&args.fill);
+    let mut guard = Guard::new(args.force, args.replace_source).inputs(&args.valid).inputs(&args.fill);
     if target != Target::Stdout {
         target.check(&guard)?;
     }
-    let valid = args.valid.as_deref().map(input::table).transpose()?;
-    let fill = args.fill.as_deref().map(input::table).transpose()?;
+    let valid = args.valid.as_deref().map(|path| input::table(path, &mut guard)).transpose()?;
+    let fill = args.fill.as_deref().map(|path| input::table(path, &mut guard)).transpose()?;
     let named = args.grid.as_deref().map(merl);
     let grid = named.or_else(|| valid.as_ref().or(fill.as_ref()).map(|t| t.grid().clone())).unwrap_or_else(Grid::merl);
     for (table, path) in [(&valid, &args.valid), (&fill, &args.fill)] {

@@ -150,6 +150,12 @@ fn stream(path: &Path, mut from: impl Read, kinds: &[Kind]) -> Result<Bytes, Fai
         from.by_ref().take(missing).read_to_end(bytes).map(|_| ()).map_err(|e| Failure::io(path, &e))
     };
     let head = formats::head(kinds);
+    // What is none of the kinds is refused as soon as that can be seen: the rest may be long in coming.
+    let least = formats::least(kinds);
+    read(&mut bytes, least)?;
+    if bytes.len() as u64 == least && !bytes.trim_ascii().is_empty() {
+        formats::length(path, &bytes, STREAM_LIMIT, kinds)?;
+    }
     read(&mut bytes, head)?;
     if (bytes.len() as u64) < head {
         // It has ended.
@@ -174,4 +180,82 @@ fn stream(path: &Path, mut from: impl Read, kinds: &[Kind]) -> Result<Bytes, Fai
 
 fn goes_on(path: &Path, stated: u64) -> Failure {
     Failure::bad_input(path, format!("goes on after the {stated} bytes that it states; fetch or make it again"))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write;
+
+    use super::*;
+
+    /// A file that grows meanwhile is read as long as it was, and one that is cut short to its end.
+    #[test]
+    fn reading_stops_at_the_length_that_was_checked() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("x");
+        std::fs::write(&path, [7; 10_000]).unwrap();
+        let opened = || (open(&path).unwrap(), open_within(&path).unwrap());
+        let (one, two) = opened();
+        File::options().append(true).open(&path).unwrap().write_all(&[8; 100_000]).unwrap();
+        for source in [one, two] {
+            assert_eq!(source.read(&path, &[Kind::Damaged]).unwrap().as_ref(), [7; 10_000]);
+        }
+        let (one, two) = opened();
+        File::options().write(true).open(&path).unwrap().set_len(5000).unwrap();
+        for source in [one, two] {
+            assert_eq!(source.read(&path, &[Kind::Damaged]).unwrap().as_ref(), [7; 5000]);
+        }
+    }
+
+    /// Without a byte on the disk, but for the first ones.
+    #[test]
+    fn a_long_file_is_refused_by_its_first_bytes() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("x");
+        let dims: Vec<u8> = [90i32, 90, 180].iter().flat_map(|n| n.to_le_bytes()).collect();
+        for (head, kinds) in [
+            (&[][..], formats::TABLE),
+            (&dims, formats::TABLE),
+            (&csbrdf::format::MAGIC, &[Kind::Merl]),
+            (b"y\n", &[Kind::List]),
+            (&[], &[Kind::Damaged]),
+            (b" ", &[Kind::Csbrdf, Kind::Manifest]),
+        ] {
+            std::fs::write(&path, head).unwrap();
+            File::options().write(true).open(&path).unwrap().set_len(1 << 40).unwrap();
+            assert!(open(&path).unwrap().read(&path, kinds).is_err(), "{head:?} {kinds:?}");
+        }
+    }
+
+    #[test]
+    fn a_stream_is_read_no_further_than_needed() {
+        /// Counts what is read of zeros without end behind a head.
+        struct Endless(Vec<u8>, usize);
+        impl Read for Endless {
+            fn read(&mut self, into: &mut [u8]) -> std::io::Result<usize> {
+                let count = into.len().min(4096);
+                for (byte, at) in into.iter_mut().zip(self.1..).take(count) {
+                    *byte = self.0.get(at).copied().unwrap_or(0);
+                }
+                self.1 += count;
+                Ok(count)
+            }
+        }
+        let dims: Vec<u8> = [90i32, 90, 180].iter().flat_map(|n| n.to_le_bytes()).collect();
+        let preamble =
+            [&csbrdf::format::MAGIC[..], &[1, 0, 0, 0, 0, 0, 6, 0], &5000u64.to_le_bytes(), &[0; 8]].concat();
+        for (head, kinds, most) in [
+            (&b""[..], formats::TABLE, 12),
+            (b"", &[Kind::Csbrdf][..], 12),
+            (b"hello world, hello", &[Kind::Csbrdf, Kind::Manifest], 12),
+            (b"", &[Kind::Damaged], 2048),
+            (b"", &[Kind::List], 1 << 16),
+            (&preamble, &[Kind::Csbrdf], 5001),
+            (&dims, &[Kind::Merl], 34_992_013),
+        ] {
+            let mut from = Endless(head.to_vec(), 0);
+            assert!(stream(Path::new("-"), &mut from, kinds).is_err());
+            assert!(from.1 <= most, "{} bytes of {kinds:?}", from.1);
+        }
+    }
 }
