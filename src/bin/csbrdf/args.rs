@@ -104,7 +104,7 @@ pub struct EncodeArgs {
     #[arg(long, value_name = "DIR")]
     pub out_dir: Option<PathBuf>,
     /// Write manifest.json into --out-dir, with the hashes, sources and errors of the files: for `csbrdf verify` and
-    /// `csbrdf info`. Always if an input is a folder
+    /// `csbrdf info`. Always if an input is a folder. A set that was interrupted is gone on with: what is finished is kept
     #[arg(long, requires = "out_dir", conflicts_with = "samples")]
     pub manifest: bool,
     /// Tables to encode at a time, some 100 to 300 MB each. The result does not depend on it [default: as many as
@@ -180,7 +180,7 @@ pub struct EncodeArgs {
     /// other key
     #[arg(long, value_name = "KEY=VALUE", value_parser = key_value)]
     pub meta: Vec<(String, String)>,
-    /// Replace files that exist
+    /// Replace files that exist. Of a set, make again all but what an interrupted run with these settings has finished
     #[arg(long, short)]
     pub force: bool,
     /// As --force, and replace also an input itself, or the table that an input was made from
