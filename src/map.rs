@@ -15,12 +15,20 @@ use crate::error::{Error, Result};
 ///
 /// # Errors
 /// `Io` in the named file.
-#[allow(unsafe_code)]
 pub fn map_file(path: &Path) -> Result<Mmap> {
     let file = File::open(path).map_err(|e| Error::Io(e).in_file(path))?;
+    map_opened(&file).map_err(|e| e.in_file(path))
+}
+
+/// As [`map_file`], of a file that is open for reading: what was checked of it is what is mapped.
+///
+/// # Errors
+/// `Io`.
+#[allow(unsafe_code)]
+pub fn map_opened(file: &File) -> Result<Mmap> {
     // SAFETY: the map is read-only and private to this value. Undefined behaviour needs another process (or this
     // one, through another handle) to change the file while it is mapped, which the documentation above rules out.
-    unsafe { Mmap::map(&file) }.map_err(|e| Error::Io(e).in_file(path))
+    unsafe { Mmap::map(file) }.map_err(Error::Io)
 }
 
 /// Bytes from which large pages are worth asking for.

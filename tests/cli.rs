@@ -431,7 +431,7 @@ fn a_block_is_the_same_alone_as_in_the_whole() {
     std::fs::copy(file, folder.path().join("m.csbrdf")).unwrap();
     run_in(folder.path(), &["decode", "m.csbrdf", "--block", "3,4,5"]).expect(OK);
     run_in(folder.path(), &["decode", "m.csbrdf"]).expect(OK);
-    assert_eq!(names(folder.path()), ["m.binary", "m.block-3-4-5.npy", "m.csbrdf"]);
+    assert_eq!(names(folder.path()), ["m.block-3-4-5.npy", "m.csbrdf", "m.decoded.binary"]);
 }
 
 #[test]

@@ -276,7 +276,7 @@ fn a_full_disk_is_told_and_keeps_the_old_file() {
 #[test]
 fn without_proc_a_file_gets_its_name_all_the_same() {
     let folder = folder();
-    let line = "mount -t tmpfs none /proc && \"$0\" decode t.csbrdf --block 0 -o d/out.npy && \"$0\" decode t.csbrdf --block 1 -o \
+    let line = "mount -t tmpfs none /proc && \"$0\" decode -q t.csbrdf --block 0 -o d/out.npy && \"$0\" decode -q t.csbrdf --block 1 -o \
                 d/out.npy --force && \"$0\" decode t.csbrdf --block 0 -o d/out.npy";
     if let Some((status, stderr, list)) = on_a_disk(folder.path(), "size=1m", line) {
         fails((status, stderr), OPERATION, &["d/out.npy: exists already"]);
@@ -354,7 +354,9 @@ fn outputs_that_are_folders_or_inputs_are_told() {
     fails(run(folder.path(), &prune("d")), OPERATION, &["d: is a directory; name a file in it"]);
     fails(run(folder.path(), &[prune("d"), vec!["--force"]].concat()), OPERATION, &["d: is a directory"]);
     fails(run(folder.path(), &prune("new/")), OPERATION, &["new/"]);
-    fails(run(folder.path(), &prune("t.csbrdf")), OPERATION, &["t.csbrdf: exists already; --force replaces it"]);
+    let itself = ["t.csbrdf: is an input itself; name another output", "--replace-source"];
+    fails(run(folder.path(), &prune("t.csbrdf")), OPERATION, &itself);
+    fails(run(folder.path(), &[prune("t.csbrdf"), vec!["--force"]].concat()), OPERATION, &itself);
     assert!(std::fs::read(folder.path().join("t.csbrdf")).unwrap() == fixture().file);
     fails(run(folder.path(), &prune("t.csbrdf/out")), OPERATION, &["no folder t.csbrdf"]);
     fails(run(folder.path(), &["prune", "t.csbrdf", "--trace", "d", "-o", "out"]), OPERATION, &["d: "]);
@@ -362,7 +364,7 @@ fn outputs_that_are_folders_or_inputs_are_told() {
     assert_eq!(names(folder.path()), ["d", "t.csbrdf", "t.trace"]);
 
     // A file in place of itself: its old bytes are read to the end before.
-    let (status, stderr) = run(folder.path(), &[prune("t.csbrdf"), vec!["--force"]].concat());
+    let (status, stderr) = run(folder.path(), &[prune("t.csbrdf"), vec!["--replace-source"]].concat());
     assert!(status.success(), "{stderr}");
     assert_eq!(run(folder.path(), &["verify", "t.csbrdf"]).0.code(), Some(OK));
     assert!(std::fs::metadata(folder.path().join("t.csbrdf")).unwrap().len() < fixture().file.len() as u64);

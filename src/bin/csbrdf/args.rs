@@ -19,7 +19,8 @@ With several inputs: the code of the first that failed.";
 /// Compresses measured BRDFs and gives them back, whole, by block or by direction.
 ///
 /// Results go to standard output or to files, figures and messages to standard error. `-` is standard input or
-/// output. No file is replaced without --force, and none appears under its name before it is complete.
+/// output. No file is replaced without --force, no input and no table that an input was made from without --replace-source, and
+/// none appears under its name before it is complete.
 #[derive(Debug, Parser)]
 #[command(version, after_help = EXIT_CODES, subcommand_required = true, arg_required_else_help = true)]
 pub struct Cli {
@@ -109,7 +110,7 @@ pub struct EncodeArgs {
     #[arg(long, value_name = "DIR")]
     pub out_dir: Option<PathBuf>,
     /// Write manifest.json into --out-dir, with the hashes, sources and errors of the files: for `csbrdf verify` and
-    /// `csbrdf info`. Always if an input is a folder
+    /// `csbrdf info`. Always if an input is a folder. A set that was interrupted is gone on with: what is finished is kept
     #[arg(long, requires = "out_dir", conflicts_with = "samples")]
     pub manifest: bool,
     /// Tables to encode at a time, some 100 to 300 MB each. The result does not depend on it [default: as many as
@@ -185,9 +186,12 @@ pub struct EncodeArgs {
     /// other key
     #[arg(long, value_name = "KEY=VALUE", value_parser = key_value)]
     pub meta: Vec<(String, String)>,
-    /// Replace files that exist
+    /// Replace files that exist. Of a set, make again all but what an interrupted run with these settings has finished
     #[arg(long, short)]
     pub force: bool,
+    /// As --force, and replace also an input itself, or the table that an input was made from
+    #[arg(long)]
+    pub replace_source: bool,
 }
 
 impl EncodeArgs {
@@ -225,6 +229,9 @@ pub struct PlanArgs {
     /// Replace the file if it exists
     #[arg(long, short)]
     pub force: bool,
+    /// As --force, and replace also an input itself, or the table that an input was made from
+    #[arg(long)]
+    pub replace_source: bool,
 }
 
 /// Arguments of `decode`.
@@ -233,7 +240,8 @@ pub struct DecodeArgs {
     /// A .csbrdf file, or - for standard input
     #[arg(value_name = "FILE")]
     pub input: PathBuf,
-    /// Output file, - for standard output; if not given, a name made of the input's, beside it
+    /// Output file, - for standard output; if not given, the input's name with .decoded.binary, .decoded.npy or
+    /// .block-I-J-K.npy, beside it: no source has such a name
     #[arg(short, long, value_name = "OUT")]
     pub output: Option<PathBuf>,
     /// binary: as MERL's tables; npy: float32, [channels, axes...], 1/sr; csv: rows of one block. [default: by the
@@ -261,6 +269,9 @@ pub struct DecodeArgs {
     /// Replace the file if it exists
     #[arg(long, short)]
     pub force: bool,
+    /// As --force, and replace also an input itself, or the table that an input was made from
+    #[arg(long)]
+    pub replace_source: bool,
 }
 
 /// Arguments of `info`.
@@ -333,6 +344,9 @@ pub struct CompareArgs {
     /// Replace the picture if it exists
     #[arg(long, short)]
     pub force: bool,
+    /// As --force, and replace also an input itself, or the table that an input was made from
+    #[arg(long)]
+    pub replace_source: bool,
 }
 
 /// Arguments of `eval`.
@@ -370,6 +384,9 @@ pub struct EvalArgs {
     /// Replace the trace if it exists
     #[arg(long, short)]
     pub force: bool,
+    /// As --force, and replace also an input itself, or the table that an input was made from
+    #[arg(long)]
+    pub replace_source: bool,
 }
 
 /// Arguments of `render`.
@@ -399,6 +416,9 @@ pub struct RenderArgs {
     /// Replace files that exist
     #[arg(long, short)]
     pub force: bool,
+    /// As --force, and replace also an input itself, or the table that an input was made from
+    #[arg(long)]
+    pub replace_source: bool,
 }
 
 /// Arguments of `prune`.
@@ -424,6 +444,9 @@ pub struct PruneArgs {
     /// Replace the file if it exists
     #[arg(long, short)]
     pub force: bool,
+    /// As --force, and replace also an input itself, or the table that an input was made from
+    #[arg(long)]
+    pub replace_source: bool,
 }
 
 /// Bits of evidence.
@@ -449,6 +472,9 @@ pub struct RepairArgs {
     /// Replace the file if it exists
     #[arg(long, short)]
     pub force: bool,
+    /// As --force, and replace also an input itself, or the table that an input was made from
+    #[arg(long)]
+    pub replace_source: bool,
 }
 
 /// Arguments of `synth`.
@@ -514,6 +540,9 @@ pub struct ReportArgs {
     /// Replace the files of an earlier report
     #[arg(long, short)]
     pub force: bool,
+    /// As --force, and replace also an input itself, or the table that an input was made from
+    #[arg(long)]
+    pub replace_source: bool,
 }
 
 /// Arguments of `demo`.
@@ -570,6 +599,9 @@ pub struct StudyArgs {
     /// Write into a folder that is not empty, replacing files
     #[arg(long, short)]
     pub force: bool,
+    /// As --force, and replace also an input itself, or the table that an input was made from
+    #[arg(long)]
+    pub replace_source: bool,
 }
 
 /// `--only`.

@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 
 use crate::args::CompareArgs;
 use crate::failure::{Failure, Outcome};
+use crate::guard::Guard;
 use crate::input::{self, is_dash, label};
 use crate::output::{Target, print};
 use crate::picture::Picture;
@@ -20,10 +21,11 @@ struct Render {
     channels: [f64; 3],
 }
 
-pub fn run(args: &CompareArgs) -> Outcome {
+pub fn run(args: &CompareArgs, quiet: bool) -> Outcome {
     if is_dash(&args.reference) && is_dash(&args.other) {
         return Err(Failure::usage("only one of the two tables can come from standard input"));
     }
+    let mut guard = Guard::new(args.force, args.replace_source).input(&args.reference).input(&args.other);
     let png = args.png.as_deref().map(Target::of);
     if let Some(target) = &png {
         if args.render == 0 {
@@ -32,10 +34,10 @@ pub fn run(args: &CompareArgs) -> Outcome {
         if *target == Target::Stdout {
             return Err(Failure::usage("standard output has the figures; give --png a file"));
         }
-        target.check(args.force)?;
+        target.check(&guard)?;
     }
-    let reference = input::table(&args.reference)?;
-    let other = input::table(&args.other)?;
+    let reference = input::table(&args.reference, &mut guard)?;
+    let other = input::table(&args.other, &mut guard)?;
     let comparison = compare_with_eps(&reference, &other, args.eps).map_err(|e| Failure::in_file(&args.other, &e))?;
     let names: Vec<String> = reference.grid().channels().iter().map(|c| clean(&c.name)).collect();
     let size = usize::from(args.render);
@@ -48,7 +50,8 @@ pub fn run(args: &CompareArgs) -> Outcome {
             channels: channel_psnr(&images.0, &images.1).map_err(mismatch)?,
         });
         if let Some(target) = &png {
-            Picture::comparison(&images.0, &images.1).map_err(mismatch)?.write(target, args.force)?;
+            Picture::comparison(&images.0, &images.1).map_err(mismatch)?.write(target, &guard)?;
+            target.tell(None, quiet);
         }
     }
     print(&if args.json {

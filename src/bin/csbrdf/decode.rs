@@ -11,6 +11,7 @@ use csbrdf::table::npy::write_npy_f32;
 
 use crate::args::{DecodeArgs, FormatArg};
 use crate::failure::{Failure, Outcome};
+use crate::guard::Guard;
 use crate::input::{self, Bytes, is_dash};
 use crate::output::Target;
 use crate::quote::csv;
@@ -23,28 +24,37 @@ pub const MISSING: f32 = -1.0;
 pub fn run(args: &DecodeArgs, quiet: bool) -> Outcome {
     let format = format(args)?;
     let target = target(args, format);
+    let guard = Guard::new(args.force, args.replace_source).input(&args.input);
     if args.salvage {
-        target.check(args.force)?;
-        return salvage::decode(args, format, &target, quiet);
+        target.check(&guard)?;
+        return salvage::decode(args, format, &target, guard, quiet);
     }
     let reader = input::open(&args.input)?.with_pruned(input::pruned(args.coarse));
+    let guard = guard.source_of(&args.input, &reader);
     if !(format == FormatArg::Csv && target == Target::Stdout) {
-        target.check(args.force)?;
+        target.check(&guard)?;
     }
+    write(&reader, args, format, &target, &guard)?;
+    target.tell(Some(&args.input), quiet);
+    Ok(())
+}
+
+/// What is asked for of an intact file.
+fn write(reader: &Reader<Bytes>, args: &DecodeArgs, format: FormatArg, target: &Target, guard: &Guard) -> Outcome {
     let failed = |e: csbrdf::Error| Failure::in_file(&args.input, &e);
     if let Some(list) = &args.block {
-        let number = block_number(&reader, &list.0).map_err(Failure::usage)?;
-        let block = one_block(&reader, number, args.fill).map_err(failed)?;
-        return target.write(args.force, |out| match format {
-            FormatArg::Csv => write_csv(&reader, &block, out),
-            _ => write_npy_f32(&block.values, &array_shape(&reader, block.place.shape), out),
+        let number = block_number(reader, &list.0).map_err(Failure::usage)?;
+        let block = one_block(reader, number, args.fill).map_err(failed)?;
+        return target.write(guard, |out| match format {
+            FormatArg::Csv => write_csv(reader, &block, out),
+            _ => write_npy_f32(&block.values, &array_shape(reader, block.place.shape), out),
         });
     }
     if args.exact {
         let values = reader.exact_table().map_err(failed)?;
-        return target.write(args.force, |out| write_merl_values(reader.grid(), &values, out));
+        return target.write(guard, |out| write_merl_values(reader.grid(), &values, out));
     }
-    write_whole(&reader, args, format, &target)
+    write_whole(reader, args, format, target, guard)
 }
 
 /// The whole table.
@@ -53,18 +63,19 @@ pub fn write_whole<D: AsRef<[u8]> + Sync>(
     args: &DecodeArgs,
     format: FormatArg,
     target: &Target,
+    guard: &Guard,
 ) -> Outcome {
     let failed = |e: csbrdf::Error| Failure::in_file(&args.input, &e);
     if format == FormatArg::Binary {
         let table = reader.decode_table().map_err(failed)?;
         // Refused before a file is begun if the grid is not MERL's.
-        return target.write(args.force, |out| write_merl(&table, args.fill, out));
+        return target.write(guard, |out| write_merl(&table, args.fill, out));
     }
     let mut values = reader.decode_all().map_err(failed)?;
     if !args.fill {
         mark_missing(reader, &mut values).map_err(failed)?;
     }
-    target.write(args.force, |out| write_npy_f32(&values, &array_shape(reader, reader.grid().shape()), out))
+    target.write(guard, |out| write_npy_f32(&values, &array_shape(reader, reader.grid().shape()), out))
 }
 
 /// The format asked for by name, or else by the output's extension.
@@ -101,7 +112,8 @@ fn target(args: &DecodeArgs, format: FormatArg) -> Target {
     if is_dash(&args.input) || format == FormatArg::Csv {
         return Target::Stdout;
     }
-    let extension = if format == FormatArg::Npy { "npy" } else { "binary" };
+    // No measurement has such a name, so that none is replaced.
+    let extension = if format == FormatArg::Npy { "decoded.npy" } else { "decoded.binary" };
     let Some(block) = &args.block else {
         return Target::File(args.input.with_extension(extension));
     };

@@ -14,6 +14,7 @@ use csbrdf::table::synth::Recipe;
 
 use crate::args::DemoArgs;
 use crate::failure::{Failure, Outcome};
+use crate::guard::Guard;
 use crate::output::{Target, print};
 use crate::picture::Picture;
 use crate::text::{clean, grouped};
@@ -30,8 +31,8 @@ pub fn run(args: &DemoArgs) -> Outcome {
     std::fs::create_dir_all(&folder).map_err(|e| Failure::io(&folder, &e))?;
     let target = Target::File(folder.join(PICTURE));
     // What an earlier demo left among the temporary files may be replaced.
-    let force = args.force || args.out.is_none();
-    target.check(force)?;
+    let guard = Guard::new(args.force || args.out.is_none(), false);
+    target.check(&guard)?;
     let failed = |e: csbrdf::Error| Failure::operation(format!("demo: {}", e.kind()));
 
     let recipe = Recipe::named(MATERIAL).ok_or_else(|| Failure::operation(format!("no material {MATERIAL}")))?;
@@ -92,7 +93,7 @@ pub fn run(args: &DemoArgs) -> Outcome {
     }
     print(&text)?;
 
-    picture.write(&target, force)?;
+    picture.write(&target, &guard)?;
     let mut text = String::from("\nReference, decoded, difference x 8 (black where equal):\n");
     if std::io::stdout().is_terminal() {
         text.push_str(&pictures(&table, &decoded, PREVIEW).map_err(failed)?.1.half_blocks());

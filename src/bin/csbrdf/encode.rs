@@ -19,9 +19,12 @@ use sha2::{Digest, Sha256};
 
 use crate::args::{BasisArg, ChannelsArg, EffortArg, EncodeArgs, PresetArg, SamplingArg};
 use crate::failure::{Failure, Outcome, note};
-use crate::input::{self, is_dash, label};
+use crate::formats::Kind;
+use crate::guard::Guard;
+use crate::input::{self, Bytes, is_dash, label};
 use crate::output::Target;
-use crate::sets::manifest::{Kept, Material};
+use crate::sets::manifest::{Kept, Material, TOOL};
+use crate::sets::unfinished::Set;
 use crate::text::{clean, error_figure, grouped, percent};
 use crate::{plan, samples};
 
@@ -39,8 +42,28 @@ struct Done {
     /// Samples and valid entries.
     sampled: [usize; 2],
     seconds: f64,
+    /// It was there already, and is what would have been made.
+    kept: bool,
     /// For the manifest.
     material: Material,
+}
+
+/// A table to encode.
+struct Input {
+    path: PathBuf,
+    /// It is one of those in a folder that was named, and must be within it.
+    in_folder: bool,
+}
+
+/// What holds for all tables.
+struct Job<'a> {
+    args: &'a EncodeArgs,
+    encoder: Encoder,
+    metadata: Metadata,
+    guard: Guard,
+    /// The set that the files become, if they become one.
+    set: Option<Set>,
+    quiet: bool,
 }
 
 pub fn run(args: &EncodeArgs, threads: Option<u16>, quiet: bool) -> Outcome {
@@ -55,20 +78,32 @@ pub fn run(args: &EncodeArgs, threads: Option<u16>, quiet: bool) -> Outcome {
     if let Some(folder) = &args.out_dir {
         std::fs::create_dir_all(folder).map_err(|e| Failure::io(folder, &e))?;
     }
+    let guard = Guard::new(args.force, args.replace_source).inputs(inputs.iter().map(|input| &input.path));
     let manifest = args.out_dir.as_deref().filter(|_| args.manifest || folders);
+    let set =
+        manifest.map(|folder| batch::set(folder, &targets, &settings(&encoder, &metadata), &guard)).transpose()?;
+    let job = Job { args, encoder, metadata, guard, set, quiet };
     let ([input], [target], None) = (&inputs[..], &targets[..], manifest) else {
-        let encode = |i: usize, progress: &(dyn Fn(f64) + Sync)| {
-            encode(&inputs[i], &targets[i], &encoder, &metadata, args, quiet, progress)
-        };
-        return batch::run(args, &inputs, &encode, batch::jobs(args, threads), manifest, quiet);
+        return batch::run(job, &inputs, &targets, batch::jobs(args, threads), manifest);
     };
+    one(&job, input, target)
+}
+
+/// What the bytes of a file depend on but for its table, as a hash: of all settings, also those that a later version may add.
+fn settings(encoder: &Encoder, metadata: &Metadata) -> String {
+    hex(&Sha256::digest(format!("{TOOL}\n{:?}", encoder.clone().metadata(metadata.clone()))))
+}
+
+/// Encodes a single table.
+fn one(job: &Job, input: &Input, target: &Target) -> Outcome {
+    let quiet = job.quiet;
     let (start, bar) = (Instant::now(), OnceLock::new());
     let progress = |share: f64| {
         if !quiet && start.elapsed() > PATIENCE {
-            bar.get_or_init(|| progress_bar(&label(input), 1000)).set_position((share * 1000.0) as u64);
+            bar.get_or_init(|| progress_bar(&label(&input.path), 1000)).set_position((share * 1000.0) as u64);
         }
     };
-    let done = encode(input, target, &encoder, &metadata, args, quiet, &progress);
+    let done = job.encode(input, target, &progress);
     bar.get().inspect(|bar| bar.finish_and_clear());
     let done = done?;
     let [samples, valid] = done.sampled;
@@ -76,7 +111,7 @@ pub fn run(args: &EncodeArgs, threads: Option<u16>, quiet: bool) -> Outcome {
     if !quiet {
         note(&format!(
             "{} -> {target}: {} bytes, {:.1}:1, log rms {}, max {}, {}{}{:.2} s",
-            label(input),
+            label(&input.path),
             grouped(done.bytes),
             done.ratio,
             error_figure(done.log_rms),
@@ -93,7 +128,7 @@ pub fn run(args: &EncodeArgs, threads: Option<u16>, quiet: bool) -> Outcome {
 }
 
 /// Where each input's file goes.
-fn targets(args: &EncodeArgs, inputs: &[PathBuf]) -> Result<Vec<Target>, Failure> {
+fn targets(args: &EncodeArgs, inputs: &[Input]) -> Result<Vec<Target>, Failure> {
     if let Some(output) = &args.output {
         if inputs.len() > 1 {
             return Err(Failure::usage("-o names one output for several inputs; use --out-dir DIR"));
@@ -102,7 +137,7 @@ fn targets(args: &EncodeArgs, inputs: &[PathBuf]) -> Result<Vec<Target>, Failure
     }
     let mut taken: HashMap<PathBuf, &Path> = HashMap::new();
     let mut targets = Vec::new();
-    for input in inputs {
+    for Input { path: input, .. } in inputs {
         if is_dash(input) {
             if inputs.len() > 1 {
                 return Err(Failure::usage("standard input cannot be one of several inputs"));
@@ -270,62 +305,98 @@ fn describe(input: &Path, sha256: String, table: &BrdfTable, metadata: &Metadata
     Ok(metadata)
 }
 
-fn encode(
-    input: &Path,
-    target: &Target,
-    encoder: &Encoder,
-    metadata: &Metadata,
-    args: &EncodeArgs,
-    quiet: bool,
-    progress: &(dyn Fn(f64) + Sync),
-) -> Result<Done, Failure> {
-    let start = Instant::now();
-    let source = input::read(input)?;
-    let bytes = source.as_ref();
-    target.check(args.force)?;
-    let (table, described) = if args.samples.is_some() {
-        let table = samples::table(input, bytes, args.grid.as_deref().map(plan::merl), quiet)?;
-        let metadata = describe(input, hex(&Sha256::digest(bytes)), &table, metadata)?;
-        (table, metadata)
-    } else {
-        input::expect_merl(input, bytes)?;
-        parse(input, bytes, metadata)?
-    };
-    // Of the table as MERL writes it, also where a list of measurements came in.
-    let size = 12 + 8 * table.values().len();
-    // Of these very bytes, whatever --meta says of where they come from.
-    let source_sha256 = match (&metadata.source_sha256, &described.source_sha256) {
-        (None, Some(hash)) => hash.clone(),
-        _ => hex(&Sha256::digest(bytes)),
-    };
-    drop(source);
-    let encoded = encoder.clone().metadata(described.clone()).encode_with(&table, progress);
-    let encoded = encoded.map_err(|e| Failure::in_file(input, &e))?;
-    let report = &encoded.report;
-    let contract = contract(args);
-    let kept = contract.map(|contract| Kept::of(contract, &encoded)).transpose();
-    let kept = kept.map_err(|e| Failure::in_file(input, &e))?;
-    let material = Material::new((input, source_sha256), target, described, kept, &encoded);
-    let contract = match contract {
-        None => String::new(),
-        Some(Contract::MaxError(_)) => {
-            format!("step {:.4}, {} corrected, ", report.step, percent(report.corrected, report.valid))
+impl Input {
+    fn read(&self, kinds: &[Kind]) -> Result<Bytes, Failure> {
+        if self.in_folder { input::read_within(&self.path, kinds) } else { input::read(&self.path, kinds) }
+    }
+}
+
+impl Job<'_> {
+    /// One file of a table, or of a set the one that is there.
+    fn encode(&self, input: &Input, target: &Target, progress: &(dyn Fn(f64) + Sync)) -> Result<Done, Failure> {
+        let (start, args, path) = (Instant::now(), self.args, &input.path);
+        let source = input.read(if args.samples.is_some() { &[Kind::List] } else { &[Kind::Merl] })?;
+        let bytes = source.as_ref();
+        match (&self.set, target) {
+            (Some(set), Target::File(file)) => {
+                if let Some(material) = set.finished(file, path, bytes)? {
+                    return Ok(Done::kept(material, start));
+                }
+            }
+            _ => target.check(&self.guard)?,
         }
-        Some(_) => format!("step {:.4}, ", report.step),
-    };
-    drop(table);
-    target.write(args.force, |out| Ok(out.write_all(&encoded.bytes)?))?;
-    encoded.report.needs_limit().into_iter().for_each(|values| input::note_needed_limit(target, values));
-    Ok(Done {
-        bytes: encoded.bytes.len(),
-        ratio: size as f64 / encoded.bytes.len() as f64,
-        log_rms: encoded.report.log_rms,
-        log_max: encoded.report.log_max,
-        contract,
-        sampled: [encoded.report.sampled, encoded.report.valid],
-        seconds: start.elapsed().as_secs_f64(),
-        material,
-    })
+        let (table, described) = self.table(path, bytes)?;
+        // Of the table as MERL writes it, also where a list of measurements came in.
+        let size = 12 + 8 * table.values().len();
+        // Of these very bytes, whatever --meta says of where they come from.
+        let source_sha256 = match (&self.metadata.source_sha256, &described.source_sha256) {
+            (None, Some(hash)) => hash.clone(),
+            _ => hex(&Sha256::digest(bytes)),
+        };
+        drop(source);
+        let encoded = self.encoder.clone().metadata(described.clone()).encode_with(&table, progress);
+        let encoded = encoded.map_err(|e| Failure::in_file(path, &e))?;
+        drop(table);
+        let guard = self.guard.clone().stated(path, &described);
+        let report = &encoded.report;
+        let contract = contract(args);
+        let kept = contract.map(|contract| Kept::of(contract, &encoded)).transpose();
+        let kept = kept.map_err(|e| Failure::in_file(path, &e))?;
+        let material = Material::new((path, source_sha256), target, described, kept, &encoded);
+        let contract = match contract {
+            None => String::new(),
+            Some(Contract::MaxError(_)) => {
+                format!("step {:.4}, {} corrected, ", report.step, percent(report.corrected, report.valid))
+            }
+            Some(_) => format!("step {:.4}, ", report.step),
+        };
+        let kept = match (&self.set, target) {
+            (Some(set), Target::File(file)) => set.begin(file, &encoded.bytes, &material)?,
+            _ => false,
+        };
+        if !kept {
+            target.write(&guard, |out| Ok(out.write_all(&encoded.bytes)?))?;
+        }
+        encoded.report.needs_limit().into_iter().for_each(|values| input::note_needed_limit(target, values));
+        Ok(Done {
+            bytes: encoded.bytes.len(),
+            ratio: size as f64 / encoded.bytes.len() as f64,
+            log_rms: encoded.report.log_rms,
+            log_max: encoded.report.log_max,
+            contract,
+            sampled: [encoded.report.sampled, encoded.report.valid],
+            seconds: start.elapsed().as_secs_f64(),
+            kept,
+            material,
+        })
+    }
+
+    /// The table in the bytes of an input, and the metadata of its file.
+    fn table(&self, path: &Path, bytes: &[u8]) -> Result<(BrdfTable, Metadata), Failure> {
+        if self.args.samples.is_none() {
+            return parse(path, bytes, &self.metadata);
+        }
+        let table = samples::table(path, bytes, self.args.grid.as_deref().map(plan::merl), self.quiet)?;
+        let metadata = describe(path, hex(&Sha256::digest(bytes)), &table, &self.metadata)?;
+        Ok((table, metadata))
+    }
+}
+
+impl Done {
+    /// Of a file that is there already.
+    fn kept(material: Material, start: Instant) -> Done {
+        Done {
+            bytes: material.bytes as usize,
+            ratio: (12 + 8 * material.entries) as f64 / material.bytes.max(1) as f64,
+            log_rms: material.log_rms,
+            log_max: material.log_max,
+            contract: String::new(),
+            sampled: [material.sampled, material.valid].map(|n| n as usize),
+            seconds: start.elapsed().as_secs_f64(),
+            kept: true,
+            material,
+        }
+    }
 }
 
 /// A bar on standard error if that is a terminal.

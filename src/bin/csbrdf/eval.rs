@@ -1,6 +1,5 @@
 //! `csbrdf eval`: BRDF values at pairs of directions.
 
-use std::fs::File;
 use std::io::{BufRead, BufReader, BufWriter, IsTerminal, Read, Write};
 use std::path::{Path, PathBuf};
 
@@ -10,9 +9,11 @@ use serde_json::json;
 
 use crate::args::{EvalArgs, LookupArg, numbers};
 use crate::failure::{Failure, Outcome};
+use crate::guard::Guard;
 use crate::input::{self, Bytes, is_dash};
 use crate::output::Target;
 use crate::prune::write_trace;
+use crate::source::{self, Source};
 use crate::text::nine_digits;
 
 /// Longest line of a file of pairs.
@@ -21,7 +22,7 @@ const MAX_LINE: u64 = 4096;
 /// Directions to the light and to the viewer.
 type Pair = ([f64; 3], [f64; 3]);
 
-pub fn run(args: &EvalArgs) -> Outcome {
+pub fn run(args: &EvalArgs, quiet: bool) -> Outcome {
     let single = match (args.wi, args.wo, args.angles) {
         (Some(wi), Some(wo), _) => Some((wi, wo)),
         (_, _, Some([ti, pi, to, po])) => Some((direction(ti, pi), direction(to, po))),
@@ -41,7 +42,9 @@ pub fn run(args: &EvalArgs) -> Outcome {
     }
     let reader = input::open(&args.input)?.with_pruned(input::pruned(args.coarse));
     let trace = args.trace.clone().map(Target::File);
-    trace.iter().try_for_each(|trace| trace.check(args.force))?;
+    let guard = Guard::new(args.force, args.replace_source).input(&args.input).inputs(&args.pairs);
+    let guard = guard.source_of(&args.input, &reader);
+    trace.iter().try_for_each(|trace| trace.check(&guard))?;
     let lookup = match args.lookup {
         LookupArg::Nearest => Lookup::Nearest,
         LookupArg::Linear => Lookup::Linear,
@@ -59,16 +62,16 @@ pub fn run(args: &EvalArgs) -> Outcome {
         Some(pair) => printer.print(pair)?,
         None if is_dash(pairs) => each_pair(pairs, std::io::stdin().lock(), |pair| printer.print(pair))?,
         None => {
-            let failed = |e: std::io::Error| Failure::io(pairs, &e);
-            if std::fs::metadata(pairs).map_err(failed)?.is_dir() {
-                return Err(Failure::operation(format!("{}: is a directory; name a file of pairs", pairs.display())));
-            }
-            let file = File::open(pairs).map_err(failed)?;
-            each_pair(pairs, BufReader::new(file), |pair| printer.print(pair))?;
+            // Line by line, each of bounded length: a pipe may go on for ever.
+            let from: Box<dyn Read> = match source::open(pairs)? {
+                Source::Regular { file, .. } => Box::new(file),
+                Source::Stream(from) => from,
+            };
+            each_pair(pairs, BufReader::new(from), |pair| printer.print(pair))?;
         }
     }
     printer.out.flush().map_err(|e| Failure::stdout(&e))?;
-    args.trace.iter().try_for_each(|trace| write_trace(trace, &printer.brdf.touched(), args.force))
+    args.trace.iter().try_for_each(|trace| write_trace(trace, &printer.brdf.touched(), &guard, quiet))
 }
 
 /// Unit direction of an elevation from the normal and an azimuth, degrees.

@@ -12,6 +12,7 @@ use csbrdf::grid::Mapping;
 
 use crate::args::InfoArgs;
 use crate::failure::{Failure, Outcome, each};
+use crate::formats::Kind;
 use crate::input;
 use crate::output::print;
 use crate::sets::manifest::Manifest;
@@ -21,7 +22,7 @@ use contents::{Contents, ORIGINS};
 
 pub fn run(args: &InfoArgs) -> Outcome {
     each(&args.files, |i, file| {
-        input::read(file).and_then(|data| {
+        input::read(file, &[Kind::Csbrdf, Kind::Manifest]).and_then(|data| {
             if Manifest::is_likely(data.as_ref()) {
                 return table::print(file, data.as_ref(), args, i > 0);
             }

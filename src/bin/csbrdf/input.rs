@@ -1,7 +1,5 @@
 //! Inputs: a path or `-`, read to memory; tables in either format.
 
-use std::fs::File;
-use std::io::Read;
 use std::path::Path;
 use std::sync::OnceLock;
 
@@ -10,15 +8,11 @@ use csbrdf::format::{Limits, MAGIC};
 use csbrdf::table::BrdfTable;
 use csbrdf::table::merl::read_merl;
 
-use crate::failure::{Failure, Outcome, note};
-
-/// Most bytes that are read from a pipe: it may never end.
-const STREAM_LIMIT: u64 = 1 << 30;
-
-/// Larger files are mapped. Up to here they are read, and a file that another process cuts short meanwhile is an error as any other; in
-/// a map it would end this process by SIGBUS. Files of some 20 kB take no longer so; one block of a lossless file of 20 MB takes 32 ms
-/// of a processor in place of 4, and a comparison with a MERL table of 35 MB 539 in place of 492.
-const READ_LIMIT: u64 = 1 << 28;
+use crate::failure::{Failure, note};
+pub use crate::formats::expect_merl;
+use crate::formats::{Kind, TABLE};
+use crate::guard::Guard;
+use crate::source::{self, Source};
 
 /// The bytes of an input.
 pub enum Bytes {
@@ -47,33 +41,20 @@ pub fn label(path: &Path) -> String {
     if is_dash(path) { "standard input".into() } else { path.display().to_string() }
 }
 
-/// The bytes of a file or of standard input.
-pub fn read(path: &Path) -> Result<Bytes, Failure> {
-    let failed = |e: std::io::Error| Failure::io(path, &e);
-    if is_dash(path) {
-        return stream(path, std::io::stdin().lock());
-    }
-    let metadata = std::fs::metadata(path).map_err(failed)?;
-    if metadata.is_dir() {
-        return Err(Failure::operation(format!("{}: is a directory; name the files in it", label(path))));
-    }
-    if metadata.is_file() && metadata.len() <= READ_LIMIT {
-        return std::fs::read(path).map(Bytes::Heap).map_err(failed);
-    }
-    if metadata.is_file() {
-        return csbrdf::map::map_file(path).map(Bytes::Map).map_err(|e| Failure::in_file(path, &e));
-    }
-    stream(path, File::open(path).map_err(failed)?)
+/// The bytes of a file or of standard input, of one of these kinds.
+pub fn read(path: &Path, kinds: &[Kind]) -> Result<Bytes, Failure> {
+    source::open(path)?.read(path, kinds)
 }
 
-fn stream(path: &Path, from: impl Read) -> Result<Bytes, Failure> {
-    let mut bytes = Vec::new();
-    let read = from.take(STREAM_LIMIT + 1).read_to_end(&mut bytes).map_err(|e| Failure::io(path, &e))?;
-    if read as u64 > STREAM_LIMIT {
-        let what = format!("more than {STREAM_LIMIT} bytes came through the pipe; write them to a file and name it");
-        return Err(Failure::unsupported(path, what));
-    }
-    Ok(Bytes::Heap(bytes))
+/// The bytes of a regular file that is within its folder, as those of a set must be.
+pub fn read_within(path: &Path, kinds: &[Kind]) -> Result<Bytes, Failure> {
+    source::open_within(path)?.read(path, kinds)
+}
+
+/// The bytes of a regular file, which may be a link to one.
+pub fn read_regular(path: &Path, kinds: &[Kind]) -> Result<Bytes, Failure> {
+    let (file, length) = source::open_regular(path)?;
+    Source::Regular { file, length }.read(path, kinds)
 }
 
 /// What files may take, if --limit says so.
@@ -96,7 +77,7 @@ pub fn reader<D: AsRef<[u8]>>(bytes: D) -> csbrdf::Result<Reader<D>> {
 
 /// Opens a csbrdf file.
 pub fn open(path: &Path) -> Result<Reader<Bytes>, Failure> {
-    reader(read(path)?).map_err(|e| Failure::in_file(path, &e))
+    reader(read(path, &[Kind::Csbrdf])?).map_err(|e| Failure::in_file(path, &e))
 }
 
 /// Says of a file that was written that others read it only if they are told to.
@@ -112,23 +93,20 @@ pub fn pruned(coarse: bool) -> Pruned {
     if coarse { Pruned::Coarse } else { Pruned::Refuse }
 }
 
-/// Fails if the first bytes are those of something else than a MERL table.
-pub fn expect_merl(path: &Path, bytes: &[u8]) -> Outcome {
-    let other = match bytes {
-        [] => "the file is empty; give a MERL .binary table",
-        b if b.starts_with(&MAGIC) => "is a csbrdf file already; give the table that it was made from",
-        b if b.starts_with(b"tensor_file") => "is an RGL tensor file; give a table on MERL's grid",
-        b if b.iter().take(64).all(|c| c.is_ascii_graphic() || c.is_ascii_whitespace()) => {
-            "is a text file; give a MERL .binary table"
-        }
-        _ => return Ok(()),
-    };
-    Err(Failure::bad_input(path, other))
+/// The table in a file of either format, told apart by its first bytes; what the metadata of a csbrdf file name as its source is
+/// guarded.
+pub fn table(path: &Path, guard: &mut Guard) -> Result<BrdfTable, Failure> {
+    let bytes = read(path, TABLE)?;
+    if !bytes.as_ref().starts_with(&MAGIC) {
+        return table_of(path, bytes);
+    }
+    let reader = reader(bytes).map_err(|e| Failure::in_file(path, &e))?;
+    *guard = std::mem::take(guard).source_of(path, &reader);
+    reader.decode_table().map_err(|e| Failure::in_file(path, &e))
 }
 
-/// The table in a file of either format, told apart by its first bytes.
-pub fn table(path: &Path) -> Result<BrdfTable, Failure> {
-    let bytes = read(path)?;
+/// The table in the bytes of a file of either format.
+pub fn table_of(path: &Path, bytes: Bytes) -> Result<BrdfTable, Failure> {
     if !bytes.as_ref().starts_with(&MAGIC) {
         expect_merl(path, bytes.as_ref())?;
         return read_merl(bytes.as_ref()).map_err(|e| Failure::in_file(path, &e));

@@ -11,6 +11,7 @@ use serde_json::{Value, json};
 
 use crate::args::LintArgs;
 use crate::failure::{Failure, Outcome, each};
+use crate::formats::TABLE;
 use crate::input::{self, label};
 use crate::output::print;
 use crate::text::{clean, error_figure, grouped, percent};
@@ -36,7 +37,7 @@ pub fn run(args: &LintArgs) -> Outcome {
 }
 
 fn look(file: &Path) -> Result<Findings, Failure> {
-    let bytes = input::read(file)?;
+    let bytes = input::read(file, TABLE)?;
     let found = if bytes.as_ref().starts_with(&MAGIC) {
         input::reader(bytes).and_then(Brdf::open).and_then(|brdf| lint_brdf(&brdf))
     } else {

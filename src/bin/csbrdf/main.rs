@@ -7,7 +7,9 @@ mod demo;
 mod encode;
 mod eval;
 mod failure;
+mod formats;
 mod gone;
+mod guard;
 mod info;
 mod input;
 mod lint;
@@ -23,6 +25,7 @@ mod report;
 mod salvage;
 mod samples;
 mod sets;
+mod source;
 mod study;
 mod synth;
 mod text;
@@ -88,12 +91,12 @@ fn run(cli: Cli) -> Outcome {
         Command::Info(args) => info::run(&args),
         Command::Verify(args) => verify::run(&args, cli.quiet),
         Command::Lint(args) => lint::run(&args),
-        Command::Compare(args) => compare::run(&args),
-        Command::Eval(args) => eval::run(&args),
+        Command::Compare(args) => compare::run(&args, cli.quiet),
+        Command::Eval(args) => eval::run(&args, cli.quiet),
         Command::Render(args) => render::run(&args, cli.quiet),
         Command::Prune(args) => prune::run(&args, cli.quiet),
         Command::Repair(args) => repair::run(&args, cli.quiet),
-        Command::Synth(args) => synth::run(&args),
+        Command::Synth(args) => synth::run(&args, cli.quiet),
         Command::Report(args) => report::run(&args, cli.threads, cli.quiet),
         Command::Demo(args) => demo::run(&args),
         Command::Study(args) => study::run(&args, cli.quiet),

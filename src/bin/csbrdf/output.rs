@@ -4,8 +4,9 @@ use std::fs::File;
 use std::io::{BufWriter, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 
-use crate::failure::{Failure, Outcome};
-use crate::input::is_dash;
+use crate::failure::{Failure, Outcome, note};
+use crate::guard::{Guard, exists};
+use crate::input::{is_dash, label};
 use crate::pending::Pending;
 
 /// Where a command's result goes.
@@ -23,9 +24,9 @@ impl Target {
         if is_dash(path) { Target::Stdout } else { Target::File(path.to_path_buf()) }
     }
 
-    /// Fails if writing would fail for a reason that can be known before the work: the file exists and `force` is
-    /// not set, its folder does not, or bytes that are no text would go to a terminal.
-    pub fn check(&self, force: bool) -> Outcome {
+    /// Fails if writing would fail for a reason that can be known before the work: the file exists and may not be
+    /// replaced, its folder does not, or bytes that are no text would go to a terminal.
+    pub fn check(&self, guard: &Guard) -> Outcome {
         let path = match self {
             Target::Stdout if std::io::stdout().is_terminal() => {
                 return Err(Failure::usage("binary data is not written to a terminal; use -o FILE or a pipe"));
@@ -37,8 +38,7 @@ impl Target {
             Ok(found) if found.is_dir() => {
                 Err(Failure::operation(format!("{}: is a directory; name a file in it", path.display())))
             }
-            Ok(found) if found.is_file() && !force => Err(exists(path)),
-            Ok(_) => Ok(()),
+            Ok(_) => guard.check(path),
             Err(_) if !folder_of(path).is_dir() => {
                 let folder = folder_of(path).display().to_string();
                 Err(Failure::operation(format!("{}: no folder {folder}; make it first", path.display())))
@@ -49,7 +49,7 @@ impl Target {
 
     /// Writes what `fill` produces. A file gets its name when it is complete and on the disk; if anything fails, nothing is
     /// left. Devices and pipes are written to directly.
-    pub fn write(&self, force: bool, fill: impl FnOnce(&mut dyn Write) -> csbrdf::Result<()>) -> Outcome {
+    pub fn write(&self, guard: &Guard, fill: impl FnOnce(&mut dyn Write) -> csbrdf::Result<()>) -> Outcome {
         let path = match self {
             Target::Stdout => {
                 let mut out = BufWriter::new(std::io::stdout().lock());
@@ -61,6 +61,8 @@ impl Target {
             }
             Target::File(path) => path,
         };
+        // It may have been made in the meantime.
+        guard.check(path)?;
         let failed = |e: csbrdf::Error| Failure::in_file(path, &e);
         let io = |e: std::io::Error| Failure::io(path, &e);
         if std::fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir()) {
@@ -71,9 +73,9 @@ impl Target {
         let mut out = BufWriter::new(pending.file());
         fill(&mut out).and_then(|()| Ok(out.flush()?)).map_err(failed)?;
         drop(out);
-        pending.keep(path, force).map_err(|e| match e.kind() {
-            // The name was taken in the meantime.
-            std::io::ErrorKind::AlreadyExists if !force => exists(path),
+        pending.keep(path, guard.replaces()).map_err(|e| match e.kind() {
+            // The name was taken while it was written.
+            std::io::ErrorKind::AlreadyExists if !guard.replaces() => exists(path),
             _ => io(e),
         })?;
         // The name itself, where folders can be synchronised.
@@ -81,6 +83,15 @@ impl Target {
             let _ = folder.sync_all();
         }
         Ok(())
+    }
+
+    /// Says which file was written, and from what, unless all is to be quiet; whoever named standard output knows.
+    pub fn tell(&self, from: Option<&Path>, quiet: bool) {
+        match from {
+            _ if quiet || *self == Target::Stdout => {}
+            Some(from) => note(&format!("{} -> {self}", label(from))),
+            None => note(&format!("{self}: written")),
+        }
     }
 }
 
@@ -91,10 +102,6 @@ impl std::fmt::Display for Target {
             Target::File(path) => write!(f, "{}", path.display()),
         }
     }
-}
-
-fn exists(path: &Path) -> Failure {
-    Failure::operation(format!("{}: exists already; --force replaces it", path.display()))
 }
 
 /// The folder that a path names a file in.

@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use csbrdf::render::{Image, difference, write_png};
 
 use crate::failure::Outcome;
+use crate::guard::Guard;
 use crate::output::Target;
 
 /// An 8-bit sRGB picture.
@@ -74,8 +75,8 @@ impl Picture {
     }
 
     /// Writes a PNG file.
-    pub fn write(&self, target: &Target, force: bool) -> Outcome {
-        target.write(force, |out| write_png(out, self.width, self.height, &self.rgb))
+    pub fn write(&self, target: &Target, guard: &Guard) -> Outcome {
+        target.write(guard, |out| write_png(out, self.width, self.height, &self.rgb))
     }
 
     /// Two pixels a character, upper and lower half, in 24-bit colours.

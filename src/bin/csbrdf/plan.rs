@@ -8,6 +8,7 @@ use csbrdf::table::samples::write_plan;
 
 use crate::args::PlanArgs;
 use crate::failure::{Failure, Outcome, note};
+use crate::guard::Guard;
 use crate::input::{self, is_dash};
 use crate::output::Target;
 use crate::text::{grouped, percent};
@@ -18,11 +19,12 @@ pub fn run(args: &PlanArgs, quiet: bool) -> Outcome {
         return Err(Failure::usage("only one of the two tables can come from standard input"));
     }
     let target = args.output.as_deref().map_or(Target::Stdout, Target::of);
+    let mut guard = Guard::new(args.force, args.replace_source).inputs(&args.valid).inputs(&args.fill);
     if target != Target::Stdout {
-        target.check(args.force)?;
+        target.check(&guard)?;
     }
-    let valid = args.valid.as_deref().map(input::table).transpose()?;
-    let fill = args.fill.as_deref().map(input::table).transpose()?;
+    let valid = args.valid.as_deref().map(|path| input::table(path, &mut guard)).transpose()?;
+    let fill = args.fill.as_deref().map(|path| input::table(path, &mut guard)).transpose()?;
     let named = args.grid.as_deref().map(merl);
     let grid = named.or_else(|| valid.as_ref().or(fill.as_ref()).map(|t| t.grid().clone())).unwrap_or_else(Grid::merl);
     for (table, path) in [(&valid, &args.valid), (&fill, &args.fill)] {
@@ -38,7 +40,7 @@ pub fn run(args: &PlanArgs, quiet: bool) -> Outcome {
     let flags = valid.as_ref().map(everywhere);
     let plan =
         Plan::draw(&grid, sampling, args.seed, [h, d, p], flags.as_deref()).map_err(|e| Failure::in_arguments(&e))?;
-    target.write(args.force, |out| write_plan(&plan, fill.as_ref(), out))?;
+    target.write(&guard, |out| write_plan(&plan, fill.as_ref(), out))?;
     if !quiet && target != Target::Stdout {
         let (rows, all) = (plan.rows.len(), plan.candidates);
         note(&format!("{target}: {} bins to measure, {} of {}", grouped(rows), percent(rows, all), grouped(all)));

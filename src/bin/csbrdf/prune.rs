@@ -8,6 +8,7 @@ use csbrdf::touched::Touched;
 
 use crate::args::PruneArgs;
 use crate::failure::{Failure, Outcome, note};
+use crate::guard::Guard;
 use crate::input::{self, is_dash, label};
 use crate::output::Target;
 use crate::text::{grouped, percent};
@@ -22,7 +23,9 @@ pub fn run(args: &PruneArgs, quiet: bool) -> Outcome {
     let output = args.output.clone().unwrap_or_else(|| args.input.with_extension("pruned.csbrdf"));
     let target = Target::of(&output);
     let reader = input::open(&args.input)?;
-    target.check(args.force)?;
+    let guard = Guard::new(args.force, args.replace_source).input(&args.input).inputs(&args.trace);
+    let guard = guard.source_of(&args.input, &reader);
+    target.check(&guard)?;
     let mut touched: Option<Touched> = None;
     for path in &args.trace {
         let trace = read_trace(path)?;
@@ -44,7 +47,7 @@ pub fn run(args: &PruneArgs, quiet: bool) -> Outcome {
         pruner = pruner.channels(&chosen);
     }
     let pruned = pruner.prune(&reader).map_err(|e| Failure::in_file(&args.input, &e))?;
-    target.write(args.force, |out| Ok(out.write_all(&pruned.bytes)?))?;
+    target.write(&guard, |out| Ok(out.write_all(&pruned.bytes)?))?;
     input::note_needed_limit(&target, reader.grid().positions() * kept);
     if !quiet {
         let (before, after) = (reader.directory().file_length(), pruned.bytes.len());
@@ -96,9 +99,12 @@ fn read_trace(path: &Path) -> Result<Touched, Failure> {
     Touched::from_text(&text).map_err(|e| Failure::in_file(path, &e))
 }
 
-/// Writes what a scene touched.
-pub fn write_trace(path: &Path, touched: &Touched, force: bool) -> Outcome {
-    Target::File(PathBuf::from(path)).write(force, |out| Ok(out.write_all(touched.to_text().as_bytes())?))
+/// Writes what a scene touched, and says so.
+pub fn write_trace(path: &Path, touched: &Touched, guard: &Guard, quiet: bool) -> Outcome {
+    let target = Target::File(PathBuf::from(path));
+    target.write(guard, |out| Ok(out.write_all(touched.to_text().as_bytes())?))?;
+    target.tell(None, quiet);
+    Ok(())
 }
 
 #[cfg(test)]

@@ -11,6 +11,7 @@ use csbrdf::render::trace::{Material, Quality, Scene, render, subject_mask};
 
 use crate::args::RenderArgs;
 use crate::failure::{Failure, Outcome, note};
+use crate::guard::Guard;
 use crate::input::{self, Bytes, label};
 use crate::output::Target;
 use crate::picture::Picture;
@@ -23,9 +24,11 @@ pub fn run(args: &RenderArgs, quiet: bool) -> Outcome {
     }
     let output = args.output.clone().unwrap_or_else(|| args.files[0].with_extension("png"));
     let target = Target::of(&output);
-    target.check(args.force)?;
-    args.trace.iter().try_for_each(|trace| Target::File(trace.clone()).check(args.force))?;
     let brdfs = args.files.iter().map(|file| open(file, args)).collect::<Result<Vec<_>, _>>()?;
+    let guard = Guard::new(args.force, args.replace_source).inputs(&args.files);
+    let guard = args.files.iter().zip(&brdfs).fold(guard, |guard, (file, brdf)| guard.source_of(file, brdf.reader()));
+    target.check(&guard)?;
+    args.trace.iter().try_for_each(|trace| Target::File(trace.clone()).check(&guard))?;
     // A renderer has no way to stop at a block that is damaged or pruned: the first error is kept for afterwards.
     let failed: Mutex<Option<(usize, csbrdf::Error)>> = Mutex::new(None);
     let value = |file: usize, wi, wo| {
@@ -52,9 +55,9 @@ pub fn run(args: &RenderArgs, quiet: bool) -> Outcome {
     if let Some((file, error)) = failed.into_inner().unwrap_or_default() {
         return Err(Failure::in_file(&args.files[file], &error));
     }
-    picture.write(&target, args.force)?;
+    picture.write(&target, &guard)?;
     for (trace, brdf) in args.trace.iter().zip(&brdfs) {
-        write_trace(trace, &brdf.touched(), args.force)?;
+        write_trace(trace, &brdf.touched(), &guard, quiet)?;
     }
     if !quiet {
         for (file, brdf) in args.files.iter().zip(&brdfs) {

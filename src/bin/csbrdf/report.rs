@@ -23,6 +23,8 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use crate::args::ReportArgs;
 use crate::encode;
 use crate::failure::{Failure, Outcome, note};
+use crate::formats::Kind;
+use crate::guard::Guard;
 use crate::input::{self, is_dash, label};
 use crate::output::Target;
 use crate::text::clean;
@@ -73,11 +75,12 @@ pub fn run(args: &ReportArgs, threads: Option<u16>, quiet: bool) -> Outcome {
         if is_dash(table) {
             return Err(Failure::usage("the commands of a report name its tables; give a file, not standard input"));
         }
-        input::expect_merl(table, input::read(table)?.as_ref())?;
+        input::expect_merl(table, input::read(table, &[Kind::Merl])?.as_ref())?;
     }
     std::fs::create_dir_all(&args.out).map_err(|e| Failure::io(&args.out, &e))?;
     let targets = ["report.html", "report.csv", "traces.csv"].map(|name| Target::File(args.out.join(name)));
-    targets.iter().try_for_each(|target| target.check(args.force))?;
+    let guard = Guard::new(args.force, args.replace_source).inputs(&args.tables);
+    targets.iter().try_for_each(|target| target.check(&guard))?;
 
     let count = plan.settings().len();
     if !quiet {
@@ -93,7 +96,7 @@ pub fn run(args: &ReportArgs, threads: Option<u16>, quiet: bool) -> Outcome {
 
     let [html, points, traces] = [page::page(&run, &tables), csv::points(&tables), csv::traces(&tables)];
     for (target, text) in targets.iter().zip([html, points, traces]) {
-        target.write(args.force, |out| Ok(out.write_all(text.as_bytes())?))?;
+        target.write(&guard, |out| Ok(out.write_all(text.as_bytes())?))?;
     }
     let done: usize = tables.iter().map(|t| t.points.len()).sum();
     if !quiet {
@@ -114,7 +117,7 @@ fn try_table(
     bar: &ProgressBar,
     before: u64,
 ) -> Result<Tried, Failure> {
-    let source = input::read(path)?;
+    let source = input::read(path, &[Kind::Merl])?;
     let bytes = source.as_ref();
     let mut tried = Tried {
         name: label(path),

@@ -9,23 +9,28 @@ use csbrdf::table::merl::write_merl_values;
 use crate::args::{DecodeArgs, FormatArg};
 use crate::decode::{MISSING, write_whole};
 use crate::failure::{Failure, Outcome, note};
+use crate::formats::Kind;
+use crate::guard::Guard;
 use crate::input::{self, label};
 use crate::output::Target;
 use crate::text::grouped;
 
-pub fn decode(args: &DecodeArgs, format: FormatArg, target: &Target, quiet: bool) -> Outcome {
+pub fn decode(args: &DecodeArgs, format: FormatArg, target: &Target, guard: Guard, quiet: bool) -> Outcome {
     let failed = |e: csbrdf::Error| Failure::in_file(&args.input, &e);
-    let bytes = input::read(&args.input)?;
+    let bytes = input::read(&args.input, &[Kind::Damaged])?;
     let options = Options::default().limits(input::limits()).evidence(args.evidence);
     let salvaged = salvage_with(bytes.as_ref(), &options).map_err(failed)?;
+    let guard = guard.source_of(&args.input, salvaged.reader());
     if args.exact {
         let (values, _) = salvaged.exact_table(f64::from(MISSING)).map_err(failed)?;
-        target.write(args.force, |out| write_merl_values(salvaged.reader().grid(), &values, out))?;
+        target.write(&guard, |out| write_merl_values(salvaged.reader().grid(), &values, out))?;
     } else {
-        write_whole(salvaged.reader(), args, format, target)?;
+        write_whole(salvaged.reader(), args, format, target, &guard)?;
     }
     list(&args.input, &salvaged, quiet);
-    verdict(&args.input, &salvaged, target)
+    verdict(&args.input, &salvaged, target)?;
+    target.tell(Some(&args.input), quiet);
+    Ok(())
 }
 
 /// What decoding and repairing a damaged file end with: a failure if anything is lost or assumed.

@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use csbrdf::Error;
-use csbrdf::format::MAGIC;
 use csbrdf::grid::Grid;
 use csbrdf::table::BrdfTable;
 use csbrdf::table::samples::read_samples;
@@ -14,9 +13,6 @@ use crate::text::{grouped, percent};
 
 /// The table of a list; what was measured goes to standard error.
 pub fn table(path: &Path, bytes: &[u8], grid: Option<Grid>, quiet: bool) -> Result<BrdfTable, Failure> {
-    if bytes.starts_with(&MAGIC) || bytes.iter().take(64).any(|b| *b == 0) {
-        return Err(Failure::bad_input(path, "is no text; --samples takes a list as csbrdf plan makes them"));
-    }
     let samples = read_samples(bytes, grid).map_err(|e| match e {
         // The line says where, not the offset.
         Error::Corrupt { what, .. } => Failure::bad_input(path, what),

@@ -12,6 +12,7 @@ pub mod check;
 mod entry;
 pub mod manifest;
 pub mod table;
+pub mod unfinished;
 
 use std::path::Path;
 

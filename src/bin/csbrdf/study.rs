@@ -28,6 +28,8 @@ use csbrdf::table::merl::read_merl;
 
 use crate::args::{FigureArg, StudyArgs};
 use crate::failure::{Failure, Outcome, note};
+use crate::formats::Kind;
+use crate::guard::Guard;
 use crate::input;
 use folder::Folder;
 use plan::{Material, Plan};
@@ -48,7 +50,9 @@ struct Figures {
 pub fn run(args: &StudyArgs, quiet: bool) -> Outcome {
     let start = Instant::now();
     let plan = Plan::new(args)?;
-    let folder = Folder::open(&args.out, args.force)?;
+    let guard = Guard::new(args.force, args.replace_source).inputs(plan.materials.iter().map(|m| &m.path));
+    let guard = guard.inputs(&args.environment);
+    let folder = Folder::open(&args.out, args.force || args.replace_source, guard)?;
     let progress = Progress::new(&plan, quiet);
     let mut figures = Figures::default();
     let mut left_out = Vec::new();
@@ -131,7 +135,7 @@ fn examine(plan: &Plan, material: &Material, progress: &Progress, figures: &mut 
 }
 
 fn load(path: &Path) -> Result<BrdfTable, Failure> {
-    let bytes = input::read(path)?;
+    let bytes = input::read_within(path, &[Kind::Merl])?;
     input::expect_merl(path, bytes.as_ref())?;
     let table = read_merl(bytes.as_ref()).map_err(|e| Failure::in_file(path, &e))?;
     if table.valid_count() == 0 {

@@ -8,9 +8,10 @@ use csbrdf::table::synth::Recipe;
 
 use crate::args::SynthArgs;
 use crate::failure::{Failure, Outcome};
+use crate::guard::Guard;
 use crate::output::{Target, print};
 
-pub fn run(args: &SynthArgs) -> Outcome {
+pub fn run(args: &SynthArgs, quiet: bool) -> Outcome {
     let Some(name) = args.name.as_deref().filter(|_| !args.list) else {
         return print(&Recipe::NAMES.map(|name| format!("{name}\n")).concat());
     };
@@ -20,8 +21,11 @@ pub fn run(args: &SynthArgs) -> Outcome {
     let recipe = Recipe { noise: args.noise, holes: args.holes, seed: args.seed, ..recipe };
     let output = args.output.clone().unwrap_or_else(|| PathBuf::from(format!("{name}.binary")));
     let target = Target::of(&output);
-    target.check(args.force)?;
+    let guard = Guard::new(args.force, false);
+    target.check(&guard)?;
     let grid = if args.phi_d == "360" { Grid::merl_360() } else { Grid::merl() };
     let table = recipe.synthesise(&grid).map_err(|e| Failure::in_arguments(&e))?;
-    target.write(args.force, |out| write_merl(&table, false, out))
+    target.write(&guard, |out| write_merl(&table, false, out))?;
+    target.tell(None, quiet);
+    Ok(())
 }

@@ -10,11 +10,13 @@ use sha2::{Digest, Sha256};
 use crate::args::VerifyArgs;
 use crate::encode::hex;
 use crate::failure::{Failure, Outcome};
+use crate::formats::{Kind, TABLE};
 use crate::gone::Gone;
 use crate::input::{self, Bytes, label};
-use crate::output::print;
+use crate::output::{folder_of, print};
 use crate::sets::check;
 use crate::sets::manifest::Manifest;
+use crate::sets::unfinished::is_in;
 use crate::text::{clean, decibel, error_figure, grouped};
 
 pub fn run(args: &VerifyArgs, quiet: bool) -> Outcome {
@@ -22,11 +24,11 @@ pub fn run(args: &VerifyArgs, quiet: bool) -> Outcome {
         return Err(Failure::usage("--against ORIGINAL is for one file or manifest; verify them one by one"));
     }
     if args.against.as_deref().is_some_and(input::is_dash) {
-        return Err(Failure::usage("--against reads the original twice; give a file, not standard input"));
+        return Err(Failure::usage("--against takes the file of the original, not standard input"));
     }
     let mut tell = Tell { quiet, first_failure: None };
     for file in &args.files {
-        match input::read(file) {
+        match input::read(file, &[Kind::Csbrdf, Kind::Manifest]) {
             Ok(bytes) if Manifest::is_likely(bytes.as_ref()) => {
                 let result = check::run(file, bytes.as_ref(), args.against.as_deref(), &mut tell);
                 tell.result(String::new(), result)?;
@@ -35,6 +37,11 @@ pub fn run(args: &VerifyArgs, quiet: bool) -> Outcome {
                 let original = args.against.as_deref().map(|table| Original { table, sha256: None });
                 let (text, result) = verify(file, bytes, original.as_ref());
                 tell.result(text, result)?;
+            }
+            Err(_) if !file.exists() && is_in(folder_of(file)) => {
+                let what =
+                    "is not there yet: the set is not finished; run its csbrdf encode again, which keeps what is";
+                tell.result(String::new(), Err(Failure::operation(format!("{}: {what}", label(file)))))?;
             }
             Err(failure) => tell.result(String::new(), Err(failure))?,
         }
@@ -120,10 +127,14 @@ fn proof(file: &Path, reader: &Reader<Bytes>, original: &Original, text: &mut St
     let sha256 = original.sha256.map(str::to_string);
     let original = original.table;
     let failed = |e: csbrdf::Error| Failure::in_file(file, &e);
-    let bytes = input::read(original)?;
+    // Read once: what is compared is what the hash is of.
+    let bytes = match sha256 {
+        None => input::read(original, TABLE)?,
+        // Of a set, which names its tables itself.
+        Some(_) => input::read_regular(original, TABLE)?,
+    };
     let hash = hex(&Sha256::digest(bytes.as_ref()));
-    drop(bytes);
-    let proof = prove(&input::table(original)?, reader).map_err(failed)?;
+    let proof = prove(&input::table_of(original, bytes)?, reader).map_err(failed)?;
     let (name, figures) = (clean(&label(file)), &proof.figures);
     let mut broken = proof.broken;
     let stated = reader.metadata().map_err(failed)?.source_sha256;

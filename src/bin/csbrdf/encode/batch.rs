@@ -11,12 +11,14 @@ use std::time::Instant;
 
 use indicatif::ProgressBar;
 
-use super::{Done, PATIENCE, progress_bar};
+use super::{Done, Input, Job, PATIENCE, progress_bar};
 use crate::args::EncodeArgs;
 use crate::failure::{Failure, Outcome, note};
+use crate::guard::Guard;
 use crate::input::{is_dash, label};
 use crate::output::Target;
-use crate::sets::manifest::{self, Manifest};
+use crate::sets::manifest::{self, Manifest, Material};
+use crate::sets::unfinished::{Set, note_unfinished};
 use crate::text::{error_figure, grouped};
 
 /// Most tables at a time unless more are asked for: with these 653 MB were measured at the default settings.
@@ -25,9 +27,6 @@ const MOST_JOBS: usize = 4;
 /// Parts of one table's progress.
 const FINE: f64 = 1000.0;
 
-/// Encodes the input of a number; the function given takes its progress, 0 to 1.
-type Encode<'a> = dyn Fn(usize, &(dyn Fn(f64) + Sync)) -> Result<Done, Failure> + Sync + 'a;
-
 /// How many tables to encode at a time.
 pub fn jobs(args: &EncodeArgs, threads: Option<u16>) -> usize {
     let threads = threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
@@ -35,11 +34,11 @@ pub fn jobs(args: &EncodeArgs, threads: Option<u16>) -> usize {
 }
 
 /// The inputs with the tables of a folder in its place, by name; and whether there was a folder.
-pub fn expand(given: &[PathBuf], args: &EncodeArgs) -> Result<(Vec<PathBuf>, bool), Failure> {
+pub fn expand(given: &[PathBuf], args: &EncodeArgs) -> Result<(Vec<Input>, bool), Failure> {
     let (mut inputs, mut folders) = (Vec::new(), false);
     for path in given {
         if is_dash(path) || args.samples.is_some() || !path.is_dir() {
-            inputs.push(path.clone());
+            inputs.push(Input { path: path.clone(), in_folder: false });
             continue;
         }
         folders = true;
@@ -48,7 +47,7 @@ pub fn expand(given: &[PathBuf], args: &EncodeArgs) -> Result<(Vec<PathBuf>, boo
             let what = "no .binary file in it; give a folder of MERL tables (csbrdf synth makes some)";
             return Err(Failure::operation(format!("{}: {what}", path.display())));
         }
-        inputs.extend(tables);
+        inputs.extend(tables.into_iter().map(|path| Input { path, in_folder: true }));
     }
     if folders && args.out_dir.is_none() {
         return Err(Failure::usage("a folder of tables becomes a folder of files; name it with --out-dir DIR"));
@@ -71,52 +70,79 @@ fn tables(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
     Ok(tables)
 }
 
+/// Begins the set of these files, or goes on with it.
+pub fn set(folder: &Path, targets: &[Target], settings: &str, guard: &Guard) -> Result<Set, Failure> {
+    let mut names = Vec::new();
+    for target in targets {
+        let Target::File(path) = target else { continue };
+        let Some(name) = path.file_name().and_then(|name| name.to_str()) else {
+            let what = "its name is not UTF-8, which a manifest must be; rename its table";
+            return Err(Failure::operation(format!("{target}: {what}")));
+        };
+        names.push(name.to_string());
+    }
+    Set::open(folder, settings, &names, guard.replaces())
+}
+
 /// Encodes all inputs, `jobs` at a time; one that fails does not keep the others from being encoded. With a folder for it,
 /// writes the manifest of those that were, last.
-pub fn run(
-    args: &EncodeArgs,
-    inputs: &[PathBuf],
-    encode: &Encode,
-    jobs: usize,
-    folder: Option<&Path>,
-    quiet: bool,
-) -> Outcome {
-    let start = Instant::now();
-    let target = folder.map(|folder| Target::File(folder.join(manifest::NAME)));
-    if let Some(target) = &target {
-        target.check(args.force)?;
-        if let Some(input) = inputs.iter().find(|i| i.file_name().is_none_or(|name| name.to_str().is_none())) {
-            let what = "its name is not UTF-8, which a manifest must be; rename it";
-            return Err(Failure::operation(format!("{}: {what}", label(input))));
-        }
-    }
-    let progress = Progress::new(inputs, quiet);
+pub fn run(job: Job, inputs: &[Input], targets: &[Target], jobs: usize, folder: Option<&Path>) -> Outcome {
+    let (start, quiet) = (Instant::now(), job.quiet);
+    let progress = Progress::new(inputs.len(), quiet);
     let mut results = Vec::with_capacity(inputs.len());
     let mut first_failure = None;
-    in_order(inputs.len(), jobs, &|i| encode(i, &|share| progress.advance(i, share)), &mut |i, result| {
+    let encode = |i: usize| job.encode(&inputs[i], &targets[i], &|share| progress.advance(i, share));
+    in_order(inputs.len(), jobs, &encode, &mut |i, result| {
         if let Err(failure) = &result {
             progress.report(failure);
         }
         let result = result.map_err(|failure| first_failure.get_or_insert(failure.reported()).code());
-        results.push((label(&inputs[i]), result));
+        results.push((label(&inputs[i].path), result));
     });
     progress.finish();
     if !quiet {
         summarise(&results);
     }
+    // A file that is there although its table failed now: without it a manifest would have a hole.
+    let left = results.iter().zip(targets).any(|((_, result), target)| match target {
+        Target::File(path) => result.is_err() && std::fs::symlink_metadata(path).is_ok(),
+        Target::Stdout => false,
+    });
     let materials: Vec<_> =
         results.into_iter().filter_map(|(_, result)| result.ok()).map(|done| done.material).collect();
-    // Of nothing there is no manifest, and that of an earlier run still tells the truth.
-    if let Some(target) = target.filter(|_| !materials.is_empty()) {
-        let manifest = Manifest::new(materials);
-        target.write(args.force, |out| manifest.write(out))?;
-        if !quiet {
-            let (count, bytes, ratio) = (manifest.materials.len(), manifest.bytes(), manifest.ratio());
-            let (bytes, seconds) = (grouped(bytes as usize), start.elapsed().as_secs_f64());
-            note(&format!("{target}: {count} materials, {bytes} bytes, {ratio:.1}:1, {seconds:.2} s"));
+    if let (Some(set), Some(folder)) = (job.set, folder) {
+        let complete = !left && !materials.is_empty();
+        match complete {
+            true => finish(set, folder, materials, &job.guard, (!quiet).then_some(start))?,
+            // Of nothing there is no manifest, and that of an earlier run still tells the truth.
+            false => {
+                if left && !quiet {
+                    note_unfinished(folder);
+                }
+                set.leave()?;
+            }
         }
     }
     first_failure.map_or(Ok(()), Err)
+}
+
+/// Writes the manifest of a set unless it is there, and ends the set; says so with the time since `start`, if given.
+fn finish(set: Set, folder: &Path, materials: Vec<Material>, guard: &Guard, start: Option<Instant>) -> Outcome {
+    let target = Target::File(folder.join(manifest::NAME));
+    let manifest = Manifest::new(set.settings(), materials);
+    let mut text = Vec::new();
+    manifest.write(&mut text).map_err(|e| Failure::in_arguments(&e))?;
+    if !set.has_manifest(&text) {
+        // The one that is there was found to be of this set, or may be replaced.
+        target.write(&guard.clone().forced(), |out| Ok(out.write_all(&text)?))?;
+    }
+    set.finish()?;
+    if let Some(start) = start {
+        let (count, bytes, ratio) = (manifest.materials.len(), manifest.bytes(), manifest.ratio());
+        let (bytes, seconds) = (grouped(bytes as usize), start.elapsed().as_secs_f64());
+        note(&format!("{target}: {count} materials, {bytes} bytes, {ratio:.1}:1, {seconds:.2} s"));
+    }
+    Ok(())
 }
 
 /// Does `count` pieces of work, begun in order, `jobs` at a time; hands over what came of them in order, each as soon as
@@ -163,12 +189,12 @@ struct Progress {
 }
 
 impl Progress {
-    fn new(inputs: &[PathBuf], quiet: bool) -> Progress {
-        let length = inputs.len() as u64 * FINE as u64;
+    fn new(tables: usize, quiet: bool) -> Progress {
+        let length = tables as u64 * FINE as u64;
         Progress {
             start: Instant::now(),
-            bar: (!quiet).then(|| progress_bar(&format!("{} tables", inputs.len()), length)),
-            shares: inputs.iter().map(|_| AtomicU64::new(0)).collect(),
+            bar: (!quiet).then(|| progress_bar(&format!("{tables} tables"), length)),
+            shares: (0..tables).map(|_| AtomicU64::new(0)).collect(),
             total: AtomicU64::new(0),
         }
     }
@@ -200,12 +226,12 @@ fn summarise(results: &[(String, Result<Done, u8>)]) {
     for (name, result) in results {
         match result {
             Ok(done) => note(&format!(
-                "{name:width$} {:>11} {:>8.1}:1 {:>9} {:>9} {:>8.2}",
+                "{name:width$} {:>11} {:>8.1}:1 {:>9} {:>9} {:>8}",
                 grouped(done.bytes),
                 done.ratio,
                 error_figure(done.log_rms),
                 error_figure(done.log_max),
-                done.seconds
+                if done.kept { "kept".into() } else { format!("{:.2}", done.seconds) }
             )),
             Err(_) => {
                 failed += 1;

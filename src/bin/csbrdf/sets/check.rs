@@ -8,9 +8,12 @@ use serde_json::Value;
 use sha2::{Digest, Sha256};
 
 use super::manifest::{Manifest, Material};
+use super::unfinished;
 use crate::encode::hex;
 use crate::failure::{Failure, Outcome, note};
+use crate::formats::Kind;
 use crate::input::{self, Bytes, is_dash, label};
+use crate::source::{self, READ_LIMIT, Source};
 use crate::text::{clean, grouped};
 use crate::verify::{Original, Tell, verify};
 
@@ -39,7 +42,12 @@ pub fn run(path: &Path, bytes: &[u8], originals: Option<&Path>, tell: &mut Tell)
     }
     let extra = extra(folder, &manifest)?;
     for name in &extra {
-        let what = "is not in the manifest; remove it, or make the manifest again";
+        let what = match unfinished::is_in(folder) {
+            true => {
+                "is not in the manifest: the set is not finished; run its csbrdf encode again, which keeps and lists it"
+            }
+            false => "is not in the manifest; encode the set again with its table, or move it to another folder",
+        };
         tell.result(String::new(), Err(Failure::operation(format!("{}: {what}", folder.join(name).display()))))?;
     }
     let (name, count) = (clean(&label(path)), manifest.materials.len());
@@ -57,11 +65,11 @@ pub fn run(path: &Path, bytes: &[u8], originals: Option<&Path>, tell: &mut Tell)
 /// One file of the set.
 fn file(folder: &Path, manifest: &Manifest, material: &Material, originals: Option<&Path>) -> (String, Outcome) {
     let path = folder.join(&material.file);
-    if !path.exists() {
+    if std::fs::symlink_metadata(&path).is_err_and(|e| e.kind() == std::io::ErrorKind::NotFound) {
         let what = "is missing; fetch it again, or encode its table again";
         return (String::new(), Err(Failure::operation(format!("{}: {what}", path.display()))));
     }
-    let bytes = match input::read(&path) {
+    let bytes = match read(&path, material) {
         Ok(bytes) => bytes,
         Err(failure) => return (String::new(), Err(failure)),
     };
@@ -78,6 +86,18 @@ fn file(folder: &Path, manifest: &Manifest, material: &Material, originals: Opti
         all => Err(Failure::bad_input(&path, format!("the manifest says otherwise: {}", all.join(", ")))),
     });
     (text, result)
+}
+
+/// The bytes of a file, whatever they are: it is known by its hash. But a long one of another length is not read for that.
+fn read(path: &Path, material: &Material) -> Result<Bytes, Failure> {
+    let source = source::open_within(path)?;
+    match source {
+        Source::Regular { length, .. } if length > READ_LIMIT && length != material.bytes => {
+            let what = format!("has {length} bytes, the manifest states {}; fetch the file again", material.bytes);
+            Err(Failure::bad_input(path, what))
+        }
+        source => source.read(path, &[Kind::Damaged]),
+    }
 }
 
 /// What is wrong with a file that is not the one that the manifest states.
@@ -126,16 +146,23 @@ fn statements(material: &Material, bytes: &[u8]) -> Vec<String> {
 
 /// The .csbrdf files of the folder that the manifest does not list, by name.
 fn extra(folder: &Path, manifest: &Manifest) -> Result<Vec<String>, Failure> {
-    let failed = |e: std::io::Error| Failure::io(folder, &e);
     let listed: HashSet<&str> = manifest.materials.iter().map(|m| m.file.as_str()).collect();
-    let mut extra = Vec::new();
+    let mut extra = files(folder)?;
+    extra.retain(|name| !listed.contains(name.as_str()));
+    Ok(extra)
+}
+
+/// The .csbrdf files of a folder but hidden ones, by name.
+pub fn files(folder: &Path) -> Result<Vec<String>, Failure> {
+    let failed = |e: std::io::Error| Failure::io(folder, &e);
+    let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(failed)? {
         let name = entry.map_err(failed)?.file_name();
         let name = name.to_string_lossy();
-        if name.ends_with(".csbrdf") && !name.starts_with('.') && !listed.contains(&*name) {
-            extra.push(name.into_owned());
+        if name.ends_with(".csbrdf") && !name.starts_with('.') {
+            files.push(name.into_owned());
         }
     }
-    extra.sort_unstable();
-    Ok(extra)
+    files.sort_unstable();
+    Ok(files)
 }

@@ -11,6 +11,8 @@ use serde_json::{Map, Value};
 
 /// Its name in the folder of the files.
 pub const NAME: &str = "manifest.json";
+/// Tool and version.
+pub const TOOL: &str = concat!("csbrdf ", env!("CARGO_PKG_VERSION"));
 const FORMAT: &str = "csbrdf-manifest";
 const VERSION: u64 = 1;
 /// Most bytes of a manifest: some 100,000 materials.
@@ -38,6 +40,9 @@ pub struct Manifest {
     pub version: u64,
     /// Tool and version that wrote the manifest.
     pub tool: String,
+    /// SHA-256 of the encoder's settings and the metadata given, hexadecimal: the same for the same settings and version.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub settings: Option<String>,
     /// In the order in which they were given.
     pub materials: Vec<Material>,
 }
@@ -90,7 +95,7 @@ pub struct Kept {
 
 impl Material {
     /// Why it cannot be one, if it cannot.
-    fn check(&self) -> Result<(), String> {
+    pub fn check(&self) -> Result<(), String> {
         if let Some(name) = [&self.file, &self.source_file].into_iter().find(|name| !is_plain(name)) {
             return Err(format!("{name:?} is not the name of a file in one folder"));
         }
@@ -108,10 +113,10 @@ impl Material {
 }
 
 impl Manifest {
-    /// The manifest of these files.
-    pub fn new(materials: Vec<Material>) -> Manifest {
-        let tool = concat!("csbrdf ", env!("CARGO_PKG_VERSION")).into();
-        Manifest { format: FORMAT.into(), version: VERSION, tool, materials }
+    /// The manifest of these files, made with settings of this hash.
+    pub fn new(settings: &str, materials: Vec<Material>) -> Manifest {
+        let (format, tool) = (FORMAT.into(), TOOL.into());
+        Manifest { format, version: VERSION, tool, settings: Some(settings.into()), materials }
     }
 
     /// Bytes of all files.
@@ -199,7 +204,7 @@ fn memory(text: &[u8]) -> usize {
 }
 
 /// Whether text names a file in a folder, not one elsewhere.
-fn is_plain(name: &str) -> bool {
+pub fn is_plain(name: &str) -> bool {
     let mut parts = Path::new(name).components();
     let single = matches!((parts.next(), parts.next()), (Some(Component::Normal(part)), None) if part == name);
     single && !name.contains(['/', '\\', '\0'])

@@ -3,19 +3,20 @@
 use std::path::{Path, PathBuf};
 
 use crate::failure::{Failure, Outcome};
+use crate::guard::Guard;
 use crate::output::Target;
 use crate::picture::Picture;
 
 /// Files that go into one folder.
 pub struct Folder {
     path: PathBuf,
-    force: bool,
+    guard: Guard,
 }
 
 impl Folder {
     /// Makes the folder if need be. Fails at once if nothing could be written later, or if it is in use and `force`
     /// is not set.
-    pub fn open(path: &Path, force: bool) -> Result<Folder, Failure> {
+    pub fn open(path: &Path, force: bool, guard: Guard) -> Result<Folder, Failure> {
         let failed = |e: std::io::Error| Failure::io(path, &e);
         if path.exists() && !path.is_dir() {
             return Err(Failure::operation(format!("{}: is a file; name a folder", path.display())));
@@ -26,16 +27,16 @@ impl Folder {
             return Err(Failure::operation(format!("{}: {what}", path.display())));
         }
         tempfile::tempfile_in(path).map_err(failed)?;
-        Ok(Folder { path: path.to_path_buf(), force })
+        Ok(Folder { path: path.to_path_buf(), guard })
     }
 
     /// Writes a file, whole or not at all.
     pub fn write(&self, name: &str, bytes: &[u8]) -> Outcome {
-        Target::File(self.path.join(name)).write(self.force, |out| Ok(out.write_all(bytes)?))
+        Target::File(self.path.join(name)).write(&self.guard, |out| Ok(out.write_all(bytes)?))
     }
 
     /// Writes a PNG file.
     pub fn picture(&self, name: &str, picture: &Picture) -> Outcome {
-        picture.write(&Target::File(self.path.join(name)), self.force)
+        picture.write(&Target::File(self.path.join(name)), &self.guard)
     }
 }

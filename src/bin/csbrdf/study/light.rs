@@ -1,11 +1,13 @@
 //! The environment of the pictures, built in or from a file.
 
+use std::io::BufReader;
 use std::path::Path;
 
 use csbrdf::render::environment::Environment;
 use image::ImageReader;
 
 use crate::failure::Failure;
+use crate::source;
 
 /// The environment and what to call it.
 pub fn environment(file: Option<&Path>) -> Result<(Environment, String), Failure> {
@@ -13,7 +15,8 @@ pub fn environment(file: Option<&Path>) -> Result<(Environment, String), Failure
         return Ok((Environment::built_in(), "built-in: a sky over a floor, a softbox, a warm strip light".into()));
     };
     let remedy = "give a latitude-longitude map as .hdr (Radiance) or .exr (OpenEXR)";
-    let reader = ImageReader::open(file).and_then(ImageReader::with_guessed_format);
+    let (opened, _) = source::open_regular(file)?;
+    let reader = ImageReader::new(BufReader::new(opened)).with_guessed_format();
     let reader = reader.map_err(|e| Failure::io(file, &e))?;
     if reader.format().is_none() {
         return Err(Failure::bad_input(file, format!("is no picture of a known format; {remedy}")));
