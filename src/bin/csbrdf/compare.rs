@@ -11,6 +11,7 @@ use crate::failure::{Failure, Outcome};
 use crate::input::{self, is_dash, label};
 use crate::output::{Target, print};
 use crate::picture::Picture;
+use crate::quote;
 use crate::text::{clean, decibel, error_figure, grouped};
 
 /// Render PSNR in dB: of all, and of red, green and blue.
@@ -52,7 +53,7 @@ pub fn run(args: &CompareArgs) -> Outcome {
         }
     }
     print(&if args.json {
-        format!("{}\n", object(args, &names, &comparison, render))
+        quote::json(&format!("{}\n", object(args, &names, &comparison, render)))
     } else {
         report(args, &names, &comparison, render)
     })
