@@ -232,7 +232,9 @@ mod tests {
         touched.merge(&trace([false, true], 1)).unwrap();
         assert_eq!(touched.count(), 2);
         let refused = touched.merge(&trace([true, true], 2)).unwrap_err().to_string();
-        assert!(refused.contains("so far of 2 blocks with index 00000001, the one to add of 2 blocks with index 00000002"));
+        assert!(
+            refused.contains("so far of 2 blocks with index 00000001, the one to add of 2 blocks with index 00000002")
+        );
     }
 
     /// A reader of the same byte for ever that counts how often it is read.

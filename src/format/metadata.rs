@@ -96,8 +96,12 @@ mod present {
             at_most("metadata size", text.len(), MAX_METADATA)?;
             at_most(OBJECTS, objects(&text), MAX_METADATA_OBJECTS)?;
             // Free keys may not take the place of known ones: what is written must be readable.
-            serde_json::from_slice::<Metadata>(&text)
-                .map_err(|e| Error::InvalidArgument(format!("metadata: a free key has a known key's name: {}", excerpt(&e.to_string()))))?;
+            serde_json::from_slice::<Metadata>(&text).map_err(|e| {
+                Error::InvalidArgument(format!(
+                    "metadata: a free key has a known key's name: {}",
+                    excerpt(&e.to_string())
+                ))
+            })?;
             let mut bytes = (text.len() as u32).to_le_bytes().to_vec();
             bytes.extend(zstd::bulk::compress(&text, 19)?);
             Ok(bytes)

@@ -195,7 +195,8 @@ fn number() -> impl Strategy<Value = f64> {
 
 /// Directions above the horizon, of any length.
 fn above() -> impl Strategy<Value = [f64; 3]> {
-    let length = prop_oneof![4 => Just(1.0), 1 => 1e-3..1e3, 1 => prop::sample::select(vec![1e-320, 1e-150, 1e150, 1e300])];
+    let length =
+        prop_oneof![4 => Just(1.0), 1 => 1e-3..1e3, 1 => prop::sample::select(vec![1e-320, 1e-150, 1e150, 1e300])];
     let height = prop_oneof![
         4 => 0.0..1.0,
         2 => (0i32..310).prop_map(|e| 10f64.powi(-e)),

@@ -10,6 +10,7 @@ mod failure;
 mod info;
 mod input;
 mod lint;
+mod names;
 mod output;
 mod pending;
 mod picture;

@@ -96,8 +96,17 @@ mod tests {
     #[test]
     fn text_is_no_formula_and_numbers_are_numbers() {
         let formulas = ["=1+1", "+a", "-2+3", "@SUM(A1)", "\t=1", "\r=1", "\u{FF1D}1", "-", "=\"a\""];
-        let texts = ["'=1+1", "'+a", "'-2+3", "'@SUM(A1)", "\"'\u{FFFD}=1\"", "\"'\u{FFFD}=1\"", "'\u{FF1D}1", "'-",
-            "\"'=\"\"a\"\"\""];
+        let texts = [
+            "'=1+1",
+            "'+a",
+            "'-2+3",
+            "'@SUM(A1)",
+            "\"'\u{FFFD}=1\"",
+            "\"'\u{FFFD}=1\"",
+            "'\u{FF1D}1",
+            "'-",
+            "\"'=\"\"a\"\"\"",
+        ];
         assert_eq!(formulas.map(csv), texts);
         for number in ["-1.5", "+3", "-1e-7", "-inf", "0"] {
             assert_eq!(csv(number), number);

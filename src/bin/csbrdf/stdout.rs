@@ -41,7 +41,8 @@ mod closed {
 /// Standard output, if there is one.
 pub fn lock() -> Result<StdoutLock<'static>, Failure> {
     if closed::is_closed() {
-        let what = "standard output: is closed; open it, as by > FILE, or name an output with -o where the command has one";
+        let what =
+            "standard output: is closed; open it, as by > FILE, or name an output with -o where the command has one";
         return Err(Failure::operation(what.into()));
     }
     Ok(std::io::stdout().lock())

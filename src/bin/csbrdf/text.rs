@@ -1,6 +1,5 @@
 //! Numbers and names as text.
 
-use csbrdf::excerpt;
 use unicode_properties::{GeneralCategory, UnicodeGeneralCategory};
 
 /// Whether a character steers what shows the text in place of being shown: control characters, line and paragraph
@@ -12,8 +11,15 @@ pub fn is_hidden(c: char) -> bool {
     match c {
         ' '..='~' => false,
         // Fillers and vowels without a shape, the joiner of graphemes, the Mongolian separators, the blank of Braille.
-        '\u{34F}' | '\u{115F}' | '\u{1160}' | '\u{17B4}' | '\u{17B5}' | '\u{180B}'..='\u{180F}' | '\u{2800}'
-        | '\u{3164}' | '\u{FFA0}' => true,
+        '\u{34F}'
+        | '\u{115F}'
+        | '\u{1160}'
+        | '\u{17B4}'
+        | '\u{17B5}'
+        | '\u{180B}'..='\u{180F}'
+        | '\u{2800}'
+        | '\u{3164}'
+        | '\u{FFA0}' => true,
         c => matches!(c.general_category(), Control | Format | LineSeparator | ParagraphSeparator),
     }
 }
@@ -26,11 +32,6 @@ pub fn clean(text: &str) -> String {
 /// The same of a text of several lines.
 pub fn clean_lines(text: &str) -> String {
     text.chars().map(|c| if is_hidden(c) && c != '\n' { '\u{FFFD}' } else { c }).collect()
-}
-
-/// Foreign text as a message quotes it: hidden characters replaced, and no more than its beginning.
-pub fn brief(text: &str) -> String {
-    clean(&excerpt::excerpt(text))
 }
 
 /// A count with its thousands set apart.
@@ -118,6 +119,5 @@ mod tests {
         let shown = "Azaz09 ~!\u{A0}\u{E9}e\u{301}\u{3B8}\u{5D0}\u{4E2D}\u{1F3A8}\u{FFFD}";
         assert_eq!(clean(shown), shown);
         assert_eq!(clean_lines("a\nb"), "a\nb");
-        assert_eq!(brief(&format!("\u{202E}{}", "x".repeat(100))).len(), 3 + 79 + "... (21 more bytes)".len());
     }
 }
