@@ -154,7 +154,15 @@ const ROUNDING: f64 = 8.0 * f64::EPSILON;
 /// nothing.
 fn unit(w: [f64; 3]) -> Option<[f64; 3]> {
     let square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
-    if (square - 1.0).abs() <= ROUNDING && w[2] >= 0.0 { Some(w) } else { upper_unit(w) }
+    if (square - 1.0).abs() <= ROUNDING && w[2] >= 0.0 {
+        return Some(w);
+    }
+    let mut unit = upper_unit(w)?;
+    if w[2] > 0.0 {
+        // Above the horizon stays so, however little.
+        unit[2] = unit[2].max(f64::MIN_POSITIVE);
+    }
+    Some(unit)
 }
 
 /// Malley's method: a disc, lifted to the hemisphere.

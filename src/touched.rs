@@ -261,7 +261,7 @@ mod tests {
         assert!(says("csbrdf trace 1\n", b"a\n").contains("`a` is not `blocks N index X`"));
         let head = "csbrdf trace 1\nblocks 6 index 0\n";
         assert!(says(head, b"\0").contains("has more than 4096 bytes"));
-        assert!(says(head, b"1\n").contains("offset 35: `1` is not a block"));
+        assert!(says(head, b"1\n").contains("offset 34: `1` is not a block"));
         let comment = says("csbrdf trace 1\n#", b"\xFF");
         assert!(comment.contains("more than 4096 bytes") && comment.len() < 400, "{comment}");
     }
