@@ -22,7 +22,7 @@ use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 use pyo3::types::{PySlice, PyTuple};
 
-use arrays::{Directions, Pairs, array, zeros};
+use arrays::{Directions, Pairs, array, prepare, zeros};
 use boundary::{Error, detached, exception, on_threads, watch_forks};
 use grid::{PyAxis, PyChannel};
 use importance::PyImportance;
@@ -361,6 +361,7 @@ impl PyBrdf {
 /// Decoder of .csbrdf files, compiled; `import csbrdf` has it all.
 #[pymodule]
 fn _csbrdf(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    prepare(module.py())?;
     watch_forks(module)?;
     module.add("Error", module.py().get_type::<Error>())?;
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;

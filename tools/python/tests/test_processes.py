@@ -84,6 +84,37 @@ def test_children_work_whatever_the_parent_was_at_when_it_forked():
     assert (brdf.eval(WI, wo) == expected).all()
 
 
+FIRST_CALL = """
+import os, sys, threading, time
+import csbrdf
+brdf = csbrdf.open(sys.argv[1])
+thread = threading.Thread(target=brdf.decode)
+thread.start()
+children = []
+for _ in range(8):
+    child = os.fork()
+    if child == 0:
+        brdf.decode()
+        os._exit(0)
+    children.append(child)
+    time.sleep(0.001)
+thread.join()
+assert all(os.waitpid(child, 0)[1] == 0 for child in children)
+"""
+
+
+def test_children_work_that_were_forked_during_the_first_call():
+    # The first call starts the threads: many, so that it takes a while.
+    env = dict(os.environ, RAYON_NUM_THREADS="128")
+    run = subprocess.Popen([sys.executable, "-W", "ignore", "-c", FIRST_CALL, str(NAME)], env=env, start_new_session=True)
+    try:
+        assert run.wait(timeout=60) == 0
+    except subprocess.TimeoutExpired:
+        os.killpg(run.pid, signal.SIGKILL)
+        run.wait()
+        pytest.fail("a child waits for what its parent's threads had locked")
+
+
 def total(count):
     return float(csbrdf.open(NAME).eval(WI, directions(count)).sum())
 
