@@ -1,6 +1,6 @@
 //! What a file says about a block besides its values: validity, origin, errors.
 
-use super::Reader;
+use super::{Reader, State};
 use crate::block::{Block, positions};
 use crate::budget::{Budget, repeated};
 use crate::error::Result;
@@ -30,6 +30,8 @@ pub struct BlockInfo {
     pub record: std::ops::Range<usize>,
     /// Class of validity.
     pub class: ValidityClass,
+    /// What the file holds of it.
+    pub state: State,
     /// Valid entries of each channel.
     pub valid: Vec<usize>,
     /// Sampled entries of each channel.
@@ -187,6 +189,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
             block: place,
             record: self.index.record(block),
             class,
+            state: self.state(block),
             valid: valid.repeat(copies),
             sampled: sampled.repeat(copies),
             seed: self.block_seed(block),

@@ -7,7 +7,6 @@ mod json;
 use std::fmt::Write;
 
 use csbrdf::channel::ChannelTransform;
-use csbrdf::format::record::ValidityClass;
 use csbrdf::grid::Mapping;
 
 use crate::args::InfoArgs;
@@ -18,7 +17,7 @@ use crate::output::print;
 use crate::sets::manifest::Manifest;
 use crate::sets::table;
 use crate::text::{clean, error_figure, grouped, percent};
-use contents::{Contents, ORIGINS};
+use contents::{Contents, ORIGINS, classes_of_blocks};
 
 pub fn run(args: &InfoArgs) -> Outcome {
     each(&args.files, |i, file| {
@@ -132,10 +131,10 @@ fn tables(contents: &Contents) -> String {
         let _ = writeln!(text, "  {:<22} {:>12} {:>8}", clean(name), grouped(*bytes), percent(*bytes, contents.bytes));
     }
     let _ = writeln!(text, "\n{:<24} {:>12} {:>8}", "validity of blocks", "blocks", "");
-    for (class, count) in ValidityClass::ALL.into_iter().zip(contents.summary.classes) {
+    for (class, count) in classes_of_blocks().zip(contents.summary.classes) {
         if count > 0 {
             let share = percent(count, contents.reader.block_count());
-            let _ = writeln!(text, "  {:<22} {:>12} {share:>8}", class.as_str(), grouped(count));
+            let _ = writeln!(text, "  {:<22} {:>12} {share:>8}", class, grouped(count));
         }
     }
     let counts = contents.summary.origins;

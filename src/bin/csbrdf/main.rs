@@ -13,6 +13,7 @@ mod guard;
 mod info;
 mod input;
 mod lint;
+mod names;
 mod output;
 mod pending;
 mod picture;
@@ -26,6 +27,7 @@ mod salvage;
 mod samples;
 mod sets;
 mod source;
+mod stdout;
 mod study;
 mod synth;
 mod text;
@@ -42,11 +44,8 @@ use failure::{Failure, Outcome, note};
 fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
-        Err(error) => {
-            // Help and version are errors of code 0 to clap. A closed pipe is no reason to complain.
-            let _ = error.print();
-            return ExitCode::from(error.exit_code().clamp(0, 255) as u8);
-        }
+        // Help and version are errors of code 0 to clap.
+        Err(error) => return stdout::clap(&error),
     };
     match run(cli) {
         Ok(()) => ExitCode::SUCCESS,

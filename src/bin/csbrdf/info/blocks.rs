@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::contents::Contents;
+use super::contents::{Contents, class_of};
 use crate::failure::Outcome;
 use crate::output::print;
 use crate::text::{error_figure, grouped};
@@ -34,7 +34,7 @@ pub fn print_rows(contents: &Contents) -> Outcome {
             block.number,
             join(contents.unpadded(&info.block.origin), ", "),
             join(contents.unpadded(&info.block.shape), "x"),
-            info.class.as_str(),
+            class_of(info),
             grouped(info.record.len()),
             grouped(info.valid.iter().sum()),
             grouped(info.sampled.iter().sum()),

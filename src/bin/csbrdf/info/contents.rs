@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use csbrdf::decode::{BlockInfo, Origin, Reader};
+use csbrdf::decode::{BlockInfo, Origin, Reader, State};
 use csbrdf::format::record::ValidityClass;
 use rayon::prelude::*;
 use serde_json::Value;
@@ -40,8 +40,8 @@ pub struct Block {
 /// Figures of all blocks.
 #[derive(Default)]
 pub struct Summary {
-    /// Blocks of each class, in the order of [`ValidityClass::ALL`].
-    pub classes: [usize; ValidityClass::ALL.len()],
+    /// Blocks of each class, in the order of [`classes_of_blocks`].
+    pub classes: [usize; ValidityClass::ALL.len() + 1],
     /// Entries of each origin, as in [`ORIGINS`].
     pub origins: [usize; 4],
     /// Largest sampling ratio.
@@ -59,7 +59,8 @@ pub struct Summary {
 impl Summary {
     fn add(&mut self, block: &Block) {
         let info = &block.info;
-        self.classes[info.class as usize] += 1;
+        let class = if info.state == State::Lost { ValidityClass::ALL.len() } else { info.class as usize };
+        self.classes[class] += 1;
         self.origins.iter_mut().zip(block.origins).for_each(|(sum, count)| *sum += count);
         self.ratio = self.ratio.max(info.ratio);
         // The last of those that have it.
@@ -75,6 +76,18 @@ impl Summary {
         self.valid += valid;
     }
 }
+
+/// Names of the classes of blocks: those of their records, where pruned ones that damage took are a class of their own.
+pub fn classes_of_blocks() -> impl Iterator<Item = &'static str> {
+    ValidityClass::ALL.into_iter().map(ValidityClass::as_str).chain([LOST])
+}
+
+/// That of one block.
+pub fn class_of(info: &BlockInfo) -> &'static str {
+    if info.state == State::Lost { LOST } else { info.class.as_str() }
+}
+
+const LOST: &str = "lost";
 
 /// A file and figures about it.
 pub struct Contents {

@@ -2,21 +2,23 @@
 
 use std::fmt::Write;
 
-use csbrdf::format::record::ValidityClass;
 use csbrdf::grid::Mapping;
 use serde_json::{Map, Value, json};
 
 use super::blocks::ENOUGH;
-use super::contents::{Block, Contents, ORIGINS};
+use super::contents::{Block, Contents, ORIGINS, class_of, classes_of_blocks};
 use super::transform_name;
 use crate::failure::Outcome;
 use crate::output::print;
+use crate::quote;
 
 /// Prints the object of one file. Keys stay; new ones may be added. Blocks are printed as they are read.
 pub fn print_object(contents: &Contents, with_blocks: bool) -> Outcome {
     let text = object(contents).to_string();
-    let Some(open) = text.strip_suffix('}').filter(|_| with_blocks) else { return print(&format!("{text}\n")) };
-    print(&format!("{open},\"blocks\":["))?;
+    let Some(open) = text.strip_suffix('}').filter(|_| with_blocks) else {
+        return print(&quote::json(&format!("{text}\n")));
+    };
+    print(&quote::json(&format!("{open},\"blocks\":[")))?;
     let mut separator = "";
     let mut rows = String::new();
     contents.for_each_block(|found| {
@@ -41,8 +43,8 @@ fn object(contents: &Contents) -> Value {
     let shapes: Vec<&[usize]> = partition.shapes().iter().map(|s| contents.unpadded(s)).collect();
     let per_axis = partition.blocks_per_axis();
     let mut classes = Map::new();
-    for (class, count) in ValidityClass::ALL.into_iter().zip(contents.summary.classes) {
-        classes.insert(class.as_str().replace(' ', "_"), count.into());
+    for (class, count) in classes_of_blocks().zip(contents.summary.classes) {
+        classes.insert(class.replace(' ', "_"), count.into());
     }
     let (rms_bound, max_bound) = contents.error_bounds();
     let measured = contents.measured_errors();
@@ -96,7 +98,7 @@ fn block(contents: &Contents, block: &Block) -> Value {
         "number": block.number,
         "origin": contents.unpadded(&info.block.origin),
         "shape": contents.unpadded(&info.block.shape),
-        "class": info.class.as_str().replace(' ', "_"),
+        "class": class_of(info).replace(' ', "_"),
         "offset": info.record.start,
         "bytes": info.record.len(),
         "valid": info.valid,
