@@ -68,13 +68,12 @@ def main(folder):
     # Beyond the limits that the other side was given there is nothing to compare.
     work = [(folder / name, said) for name, said in listed.items() if said != "limit"]
     with multiprocessing.Pool() as pool:
-        results = list(pool.imap_unordered(compare, work, chunksize=4))
-    kinds, differ = collections.Counter(), []
-    for name, expected, found, why in results:
-        kinds["refused" if expected == "refused" else "some blocks" if " -" in f" {expected}" else "decoded"] += 1
-        if found != expected:
-            differ.append(name)
-            print(f"{name}: DIFFERS {why}\n  Rust   {expected[:400]}\n  Python {found[:400]}")
+        kinds, differ = collections.Counter(), []
+        for name, expected, found, why in pool.imap_unordered(compare, work, chunksize=4):
+            kinds["refused" if expected == "refused" else "some blocks" if " -" in f" {expected}" else "decoded"] += 1
+            if found != expected:
+                differ.append(name)
+                print(f"{name}: DIFFERS {why}\n  Rust   {expected[:400]}\n  Python {found[:400]}", flush=True)
     print(f"{len(work)} files compared ({', '.join(f'{n} {kind}' for kind, n in sorted(kinds.items()))}), "
           f"{len(listed) - len(work)} beyond limits, {len(differ)} differ, {time.time() - begin:.1f} s")
     return 1 if differ or not work else 0

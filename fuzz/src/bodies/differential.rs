@@ -10,7 +10,7 @@ use super::recipe;
 
 /// More than any golden file has.
 const LIMITS: Limits =
-    Limits { table_values: 1 << 16, block_values: 1 << 16, operations: 1_000_000_000, bytes: 1 << 28 };
+    Limits { table_values: 1 << 18, block_values: 1 << 18, operations: 1_000_000_000, bytes: 1 << 28 };
 
 /// Changed files with their recipes, each the same for the same number.
 pub fn file(number: u64) -> Vec<u8> {

@@ -85,7 +85,7 @@ impl Parts {
         };
         let exact = (!self.exact.is_empty()).then(|| {
             let head = 4 + 8 * self.channels;
-            let mut bytes = self.bytes(b"EXCT")[..head].to_vec();
+            let mut bytes = self.bytes(b"EXCT").get(..head).unwrap_or_default().to_vec();
             self.exact.iter().for_each(|part| bytes.extend((part.len() as u32).to_le_bytes()));
             bytes.extend([0; 4]);
             assert_eq!(self.exact.len(), blocks);

@@ -4,6 +4,7 @@
 //! Checksums are not put right here: they are what salvage goes by. A build whose reader ignores them is refused.
 
 use std::ops::Range;
+use std::sync::OnceLock;
 
 use csbrdf::decode::{Pruned, Reader};
 use csbrdf::error::Error;
@@ -12,30 +13,85 @@ use csbrdf::format::metadata::Metadata;
 use csbrdf::salvage::{Damage, Outcome, Salvaged, repair, salvage_with_limits};
 use csbrdf::sample::SplitMix64;
 
-use super::golden::chosen;
+use super::golden::GOLDEN;
 use super::salvage::told;
 use super::same_bits;
 
 const LIMITS: Limits =
-    Limits { table_values: 1 << 16, block_values: 1 << 16, operations: 1_000_000_000, bytes: 1 << 28 };
+    Limits { table_values: 1 << 18, block_values: 1 << 18, operations: 1_000_000_000, bytes: 1 << 28 };
 
 /// Damages of one file.
 const MOST: usize = 4;
 /// Kinds of damage.
 pub const KINDS: u8 = 11;
 
+/// Most values of a table, or it takes too long.
+const VALUES: usize = 1 << 15;
+
+/// A golden file and what is in it, decoded once.
+struct Original {
+    file: &'static [u8],
+    reader: Reader<&'static [u8]>,
+    sections: Vec<Range<usize>>,
+    blocks: Vec<Block>,
+    /// Values of each block if nothing is left of it but its mean; none for old drafts, which have no pruned blocks.
+    means: Option<Vec<Vec<f32>>>,
+    metadata: String,
+}
+
+/// What is known of a block.
+struct Block {
+    values: Vec<f32>,
+    valid: Vec<bool>,
+    errors: [u32; 2],
+    /// Bits of the exact values of a lossless file.
+    exact: Option<Vec<u64>>,
+}
+
+impl Original {
+    fn of(file: &'static [u8]) -> Original {
+        assert!(sees_damage(file), "this reader ignores checksums: build it without cfg(fuzzing)");
+        let reader = Reader::open(file).expect("golden files open").with_pruned(Pruned::Coarse);
+        let blocks = (0..reader.block_count()).map(|block| {
+            let values = of_block(&reader, block).expect("a golden file decodes");
+            let valid = reader.block_validity(block).expect("a golden file decodes");
+            Block { values, valid, errors: errors(&reader, block), exact: exact(&reader, block) }
+        });
+        let (blocks, sections) = (blocks.collect(), places(&reader));
+        let means = means(&reader);
+        let metadata = said(reader.metadata());
+        Original { file, reader, sections, blocks, means, metadata }
+    }
+}
+
+/// Golden files of some size, spare, lossless, pruned ones and old drafts among them.
+fn originals() -> &'static [OnceLock<Original>] {
+    static ORIGINALS: OnceLock<Vec<OnceLock<Original>>> = OnceLock::new();
+    ORIGINALS.get_or_init(|| small().map(|_| OnceLock::new()).collect())
+}
+
+fn small() -> impl Iterator<Item = &'static [u8]> {
+    let values = |file: &[u8]| {
+        let reader = Reader::open(file).expect("golden files open");
+        reader.grid().positions() * reader.grid().channels().len()
+    };
+    let wanted = move |(name, file): &&(&str, &[u8])| values(file) <= VALUES || *name == "final-pruned";
+    GOLDEN.iter().filter(wanted).map(|(_, file)| *file)
+}
+
 pub fn run(data: &[u8]) {
     let Some((&file, damages)) = data.split_first() else { return };
-    let good = chosen(file);
-    let mut bad = good.to_vec();
-    damages.as_chunks::<6>().0.iter().take(MOST).for_each(|d| damage(*d, good, &mut bad));
-    check(good, &bad);
+    let number = usize::from(file) % originals().len();
+    let file = || small().nth(number).expect("a number below their count");
+    let original = originals()[number].get_or_init(|| Original::of(file()));
+    let mut bad = original.file.to_vec();
+    damages.as_chunks::<6>().0.iter().take(MOST).for_each(|d| damage(*d, &original.sections, &mut bad));
+    check(original, &bad);
 }
 
 /// Panics unless what is left of a damaged file is the original's, and all else is said.
-pub fn check(good: &[u8], bad: &[u8]) {
-    let original = Reader::open(good).expect("golden files open").with_pruned(Pruned::Coarse);
-    assert!(sees_damage(good), "this reader ignores checksums: build it without cfg(fuzzing)");
+fn check(original: &Original, bad: &[u8]) {
+    let good = original.file;
     let salvaged = match salvage_with_limits(bad, LIMITS) {
         Ok(salvaged) => salvaged,
         Err(e) => {
@@ -45,26 +101,26 @@ pub fn check(good: &[u8], bad: &[u8]) {
     };
     told(&salvaged);
     assert_eq!(good == bad, salvaged.damage().is_empty(), "damage is reported if there is any");
-    kept(&original, salvaged.reader(), salvaged.lost(), "salvage");
-    described(&original, &salvaged);
-    only_what_was_hit(&original, good, bad, &salvaged);
+    kept(original, salvaged.reader(), salvaged.lost(), "salvage");
+    described(original, &salvaged);
+    only_what_was_hit(original, bad, &salvaged);
     match repair(bad, LIMITS) {
         Ok(repaired) => {
             agree(&salvaged, &repaired.salvaged);
             if is_whole(&salvaged) {
                 assert!(repaired.bytes == good, "restored, it says, and is not: {:?}", salvaged.damage());
             }
-            written(&original, &repaired.bytes, salvaged.lost());
+            written(original, &repaired.bytes, salvaged.lost());
         }
         // Files of old drafts have no place for what is lost.
         Err(Error::InvalidArgument(_)) => {
-            assert!(!salvaged.lost().is_empty() && (1..4).contains(&original.version().2))
+            assert!(!salvaged.lost().is_empty() && (1..4).contains(&original.reader.version().2));
         }
         Err(e) => panic!("what salvage opens is not repaired: {e}"),
     }
 }
 
-fn damage([kind, fill, a, b, c, d]: [u8; 6], good: &[u8], bad: &mut Vec<u8>) {
+fn damage([kind, fill, a, b, c, d]: [u8; 6], sections: &[Range<usize>], bad: &mut Vec<u8>) {
     if bad.is_empty() {
         return;
     }
@@ -72,7 +128,6 @@ fn damage([kind, fill, a, b, c, d]: [u8; 6], good: &[u8], bad: &mut Vec<u8>) {
     let mut at = (place as usize * bad.len()) >> 16;
     let few = 1 + length % 64;
     let kind = kind % KINDS;
-    let sections = places(good);
     if kind >= 8 {
         // At the start or the end of a section, where the head of RECS, EXCT and INDX is, and the last words of their coders.
         let section = &sections[usize::from(fill) % sections.len()];
@@ -103,8 +158,7 @@ fn damage([kind, fill, a, b, c, d]: [u8; 6], good: &[u8], bad: &mut Vec<u8>) {
 }
 
 /// Section table and sections.
-fn places(file: &[u8]) -> Vec<Range<usize>> {
-    let reader = Reader::open(file).expect("golden files open");
+fn places(reader: &Reader<&[u8]>) -> Vec<Range<usize>> {
     let sections: Vec<_> = reader.directory().sections().iter().map(|s| s.range.clone()).collect();
     [vec![0..sections[0].start], sections].concat()
 }
@@ -124,31 +178,26 @@ fn is_whole(salvaged: &Salvaged) -> bool {
 }
 
 /// Every value that is not reported as lost has the original's bits, exact ones as well.
-fn kept<D: AsRef<[u8]>>(original: &Reader<&[u8]>, reader: &Reader<D>, lost: &[usize], who: &str) {
-    assert_eq!(reader.block_count(), original.block_count(), "{who}");
-    for block in 0..original.block_count() {
+fn kept<D: AsRef<[u8]>>(original: &Original, reader: &Reader<D>, lost: &[usize], who: &str) {
+    assert_eq!(reader.block_count(), original.blocks.len(), "{who}");
+    for (block, right) in original.blocks.iter().enumerate() {
         // Exact values are lost block by block, by an error.
-        if let Ok(exact) = reader.exact_block(block) {
-            let right = original.exact_block(block).expect("the original is intact");
-            let same = exact.iter().zip(&right).all(|(a, b)| a.to_bits() == b.to_bits());
-            assert!(same && exact.len() == right.len(), "{who}: wrong exact values of block {block}");
-        }
+        let exact = exact(reader, block);
+        assert!(exact.is_none() || exact == right.exact, "{who}: wrong exact values of block {block}");
         if lost.binary_search(&block).is_ok() {
-            assert!(reader.exact_block(block).is_err(), "{who}: exact values of block {block}, which is lost");
+            assert!(exact.is_none(), "{who}: exact values of block {block}, which is lost");
             continue;
         }
         let values = of_block(reader, block).unwrap_or_else(|e| panic!("{who}: block {block} is not lost: {e}"));
-        let right = of_block(original, block).expect("the original is intact");
-        assert!(same_bits(&values, &right), "{who}: wrong values of block {block}, which is not reported as lost");
-        let valid = (reader.block_validity(block).ok(), original.block_validity(block).ok());
-        assert_eq!(valid.0, valid.1, "{who}: block {block}");
-        let known = reader.block_info(block).expect("a block");
-        let right = original.block_info(block).expect("a block");
-        assert_eq!(
-            (known.rms.to_bits(), known.max.to_bits()),
-            (right.rms.to_bits(), right.max.to_bits()),
-            "{who}: {block}"
+        assert!(
+            same_bits(&values, &right.values),
+            "{who}: wrong values of block {block}, which is not reported as lost"
         );
+        assert!(
+            reader.block_validity(block).is_ok_and(|valid| valid == right.valid),
+            "{who}: validity of block {block}"
+        );
+        assert_eq!(errors(reader, block), right.errors, "{who}: errors of block {block}");
     }
 }
 
@@ -157,36 +206,49 @@ fn of_block<D: AsRef<[u8]>>(reader: &Reader<D>, block: usize) -> Result<Vec<f32>
     reader.block_into(block, &mut values).map(|()| values)
 }
 
+fn errors<D: AsRef<[u8]>>(reader: &Reader<D>, block: usize) -> [u32; 2] {
+    let info = reader.block_info(block).expect("a block that decodes");
+    [info.rms.to_bits(), info.max.to_bits()]
+}
+
+fn exact<D: AsRef<[u8]>>(reader: &Reader<D>, block: usize) -> Option<Vec<u64>> {
+    reader.exact_block(block).ok().map(|values| values.into_iter().map(f64::to_bits).collect())
+}
+
+fn said(metadata: Result<Metadata, Error>) -> String {
+    format!("{:?}", metadata.map(|m| (m.name, m.encoder)))
+}
+
 /// What the file says of itself is the original's.
-fn described(original: &Reader<&[u8]>, salvaged: &Salvaged) {
+fn described(original: &Original, salvaged: &Salvaged) {
     let reader = salvaged.reader();
-    assert_eq!(reader.grid(), original.grid());
-    assert_eq!(reader.coding(), original.coding());
+    assert_eq!(reader.grid(), original.reader.grid());
+    assert_eq!(reader.coding(), original.reader.coding());
     let is_lost = |damage: &Damage| damage.section == "META" && damage.outcome == Outcome::Lost;
     if !salvaged.damage().iter().any(is_lost) {
-        let said = |metadata: Result<Metadata, Error>| format!("{:?}", metadata.map(|m| (m.name, m.encoder)));
-        assert_eq!(said(reader.metadata()), said(original.metadata()));
+        assert_eq!(said(reader.metadata()), original.metadata);
     }
     // The mean of a lost block is known, or it is said that it is not.
-    let Some(means) = means(original) else { return };
-    let means = Reader::open(&means[..]).expect("what prune makes opens").with_pruned(Pruned::Coarse);
+    let Some(means) = &original.means else { return };
     for &block in salvaged.lost().iter().filter(|&&block| salvaged.has_mean(block)) {
-        let (mean, right) = (of_block(reader, block), of_block(&means, block));
-        let same = same_bits(&mean.expect("a mean"), &right.expect("a mean"));
+        let same = same_bits(&of_block(reader, block).expect("a mean"), &means[block]);
         assert!(same, "block {block} has another mean than it had, and it is said to be known");
     }
 }
 
-/// The file with nothing but the means; none of old drafts, which have no pruned blocks.
-fn means(original: &Reader<&[u8]>) -> Option<Vec<u8>> {
+/// Values of blocks of which nothing is left but the mean.
+fn means(original: &Reader<&[u8]>) -> Option<Vec<Vec<f32>>> {
     let index = original.directory().sections().iter().find(|s| s.name() == "INDX").expect("it was opened");
     let trace = format!("csbrdf trace 1\nblocks {} index {:08x}\n", original.block_count(), index.crc);
     let touched = csbrdf::touched::Touched::from_text(&trace).ok()?;
-    csbrdf::prune::Pruner::new().blocks(&touched).prune(original).ok().map(|pruned| pruned.bytes)
+    let pruned = csbrdf::prune::Pruner::new().blocks(&touched).prune(original).ok()?;
+    let means = Reader::open(&pruned.bytes[..]).expect("what prune makes opens").with_pruned(Pruned::Coarse);
+    Some((0..means.block_count()).map(|block| of_block(&means, block).expect("a mean")).collect())
 }
 
 /// Damage within RECS costs the blocks whose records it hits and no others.
-fn only_what_was_hit(original: &Reader<&[u8]>, good: &[u8], bad: &[u8], salvaged: &Salvaged) {
+fn only_what_was_hit(original: &Original, bad: &[u8], salvaged: &Salvaged) {
+    let (good, original) = (original.file, &original.reader);
     let records = original.directory().sections().iter().find(|s| s.name() == "RECS").expect("it was opened");
     let range = records.range.clone();
     let elsewhere = || bad[..range.start] != good[..range.start] || bad[range.end..] != good[range.end..];
@@ -209,7 +271,7 @@ fn agree(a: &Salvaged, b: &Salvaged) {
 }
 
 /// What repair writes is a file without damage that has what was left, and repairs to itself.
-fn written(original: &Reader<&[u8]>, bytes: &[u8], lost: &[usize]) {
+fn written(original: &Original, bytes: &[u8], lost: &[usize]) {
     let strict = Reader::open_with_limits(bytes, LIMITS).expect("a repaired file opens");
     assert!(strict.verify().is_empty(), "a repaired file is damaged: {:?}", strict.verify());
     assert!(lost.iter().all(|&block| of_block(&strict, block).is_err()), "what is lost is given out");
