@@ -15,7 +15,7 @@ for folder in "$@"; do
     traces+=("$folder"/*.trace)
 done
 
-mkdir -p corpus/{open,block,file,eval,stale,salvage,prune,trace,encode,merl,samples,args,manifest,capi}
+mkdir -p corpus/{open,block,file,eval,stale,salvage,repair,structured,prune,trace,encode,merl,samples,args,manifest,capi}
 
 for file in "${files[@]}"; do
     name=$(basename "$file" .csbrdf)
@@ -33,6 +33,19 @@ for file in "$golden"/*.csbrdf; do
         number=$((number + 1)) at=$((number * 7919 % 65536))
         printf -v damage '\\x%x\\xff\\x40\\0\\x3\\0\\x%x\\x%x\\0\\0\\0\\0' $way $((at & 255)) $((at >> 8))
         { printf "$damage" && cat "$file"; } >"corpus/salvage/$number"
+    done
+done
+
+# A golden file's number; kind of damage, fill, place, length. Its number; what is changed, which, how, three bytes.
+for number in $(seq 0 "$(ls "$golden"/*.csbrdf | tail -n +2 | wc -l)"); do
+    for kind in $(seq 0 10); do
+        place=$((number * 37 + kind * 91))
+        printf -v damage '\\x%x\\x%x\\x%x\\x3\\x%x\\x%x\\0' "$number" "$kind" $((number + kind)) $((place & 255)) $((place * 7 & 255))
+        printf "$damage" >"corpus/repair/$number-$kind"
+    done
+    for what in 0 1 2 3 6 9 10 11 12 13 14 15; do
+        printf -v change '\\x%x\\x%x\\x%x\\x%x\\x%x\\x80\\x3' "$number" "$what" $((number * 5 & 255)) "$what" $((number * 11 & 255))
+        printf "$change" >"corpus/structured/$number-$what"
     done
 done
 

@@ -93,3 +93,21 @@ fn sealing_restores_every_checksum() {
         assert!(Reader::open(&sealed[..]).unwrap().with_pruned(Pruned::Coarse).verify().is_empty(), "{name}");
     }
 }
+
+/// Files for `tools/differential.py`: CSBRDF_DIFFERENTIAL names the folder, CSBRDF_FILES says how many (200), CSBRDF_FIRST the number of the
+/// first (0).
+#[test]
+#[ignore = "writes files for another decoder"]
+fn files_for_the_decoder_that_was_written_from_the_spec() {
+    let number = |name: &str, otherwise| std::env::var(name).map_or(otherwise, |text| text.parse().expect("a number"));
+    let folder = std::path::PathBuf::from(std::env::var_os("CSBRDF_DIFFERENTIAL").expect("CSBRDF_DIFFERENTIAL"));
+    std::fs::create_dir_all(&folder).unwrap();
+    let first = number("CSBRDF_FIRST", 0);
+    let mut list = String::new();
+    for number in first..first + number("CSBRDF_FILES", 200) {
+        let file = bodies::differential::file(number);
+        list += &format!("{number}.csbrdf {}\n", bodies::differential::verdict(&file));
+        std::fs::write(folder.join(format!("{number}.csbrdf")), file).unwrap();
+    }
+    std::fs::write(folder.join("verdicts.txt"), list).unwrap();
+}

@@ -58,7 +58,6 @@ fn golden_files_decode_to_their_bits() {
     assert!(wrong.is_empty(), "decoded bits have changed:\n{}", wrong.join("\n"));
 }
 
-/// Also in a build with `--cfg fuzzing`: .ci/run runs this test in one.
 #[test]
 fn checksums_are_looked_at_whatever_the_build() {
     let (name, ..) = &expected()[0];

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # What takes longer than `.ci/run` may, or needs other compilers: run before a release.
 #
-#     tools/audit.sh [wasm] [threads] [addresses] [miri] [rust-version] [benches] [advisories]     # all of them without arguments
+#     tools/audit.sh [wasm] [threads] [addresses] [miri] [rust-version] [benches] [advisories] [parts] [reproducible]     # all of them without arguments
 #
 # wasm          golden files and look-ups as a WebAssembly module: tools/wasm.sh
 # threads       tests/threads.rs under the thread sanitizer, the standard library included (nightly, rust-src)
@@ -11,7 +11,9 @@
 # rust-version  everything compiles with the oldest Rust that Cargo.toml names, the decoder alone with an older one but for x86-64
 # benches       tools/bench, which has a criterion that nothing else needs, runs
 # advisories    no crate with a licence or from a place that deny.toml does not allow, none that was yanked, and none with an advisory
-#               against it, where the list of these can be had (cargo-deny)
+#               against it, where the list of these can be had (cargo-deny, installed if it is missing: two minutes of a processor)
+# parts         lists of all parts (SBOM): tools/sbom.sh
+# reproducible  two builds give the same bytes: tools/reproducible.sh
 #
 # Toolchains come by rustup; what cannot be had is skipped, and says so.
 set -euo pipefail
@@ -19,7 +21,7 @@ cd "$(dirname "$0")/.."
 export CARGO_TERM_COLOR=never CARGO_INCREMENTAL=0 PROPTEST_FAILURE_PERSISTENCE=off
 host=$(rustc -vV | sed -n 's/^host: //p')
 target=$(realpath -m "${CARGO_TARGET_DIR:-target}")/audit
-[ $# -gt 0 ] || set -- wasm threads addresses miri rust-version benches advisories
+[ $# -gt 0 ] || set -- wasm threads addresses miri rust-version benches advisories parts reproducible
 skip() { echo "SKIPPED: $1: $2" >&2; }
 component() { rustup component add --toolchain nightly "$@" >/dev/null 2>&1; }
 
@@ -59,7 +61,7 @@ for check in "$@"; do
         cargo bench --locked --manifest-path tools/bench/Cargo.toml --target-dir "$target/benches" -- --test
         ;;
     advisories)
-        command -v cargo-deny >/dev/null || { skip advisories "no cargo-deny (cargo install cargo-deny --locked)"; continue; }
+        command -v cargo-deny >/dev/null || cargo install cargo-deny --locked --quiet --debug || { skip advisories "no cargo-deny"; continue; }
         manifests=(Cargo.toml tools/capi/Cargo.toml tools/python/Cargo.toml tools/bench/Cargo.toml fuzz/Cargo.toml)
         for manifest in "${manifests[@]}"; do
             cargo deny --locked --manifest-path "$manifest" --config "$PWD/deny.toml" check bans licenses sources
@@ -67,11 +69,13 @@ for check in "$@"; do
         # What cargo says when it packs the crate.
         yanked=$(cargo package --locked --allow-dirty --no-verify --target-dir "$target/package" 2>&1)
         if grep -i yanked <<<"$yanked"; then exit 1; fi
-        cargo deny --locked --config "$PWD/deny.toml" fetch db || { skip advisories "no list of them"; continue; }
+        cargo deny --locked --config "$PWD/deny.toml" fetch db || { skip advisories "the list of them cannot be had from GitHub here"; continue; }
         for manifest in "${manifests[@]}"; do
             cargo deny --locked --manifest-path "$manifest" --config "$PWD/deny.toml" check advisories
         done
         ;;
+    parts) tools/sbom.sh ;;
+    reproducible) tools/reproducible.sh ;;
     *) echo "no check of the name $check" >&2; exit 2 ;;
     esac
 done

@@ -4,23 +4,30 @@
 pub mod args;
 pub mod block;
 pub mod capi;
+pub mod differential;
 #[cfg(feature = "cli")]
 pub mod encode;
 pub mod eval;
+pub mod fields;
 pub mod file;
 pub mod golden;
+pub mod index;
 #[cfg(feature = "cli")]
 pub mod manifest;
 pub mod merl;
 pub mod open;
 #[cfg(feature = "cli")]
 pub mod prune;
+pub mod recipe;
+#[cfg(feature = "cli")]
+pub mod repair;
 pub mod salvage;
 #[cfg(feature = "cli")]
 pub mod samples;
 pub mod seal;
 pub mod sections;
 pub mod stale;
+pub mod structured;
 pub mod trace;
 
 use csbrdf::format::Limits;
@@ -35,6 +42,9 @@ pub const ALL: &[(&str, Body)] = &[
     ("eval", eval::run),
     ("stale", stale::run),
     ("salvage", salvage::run),
+    #[cfg(feature = "cli")]
+    ("repair", repair::run),
+    ("structured", structured::run),
     #[cfg(feature = "cli")]
     ("prune", prune::run),
     ("trace", trace::run),

@@ -13,8 +13,7 @@ pub const HEAD: usize = 12;
 
 pub fn run(data: &[u8]) {
     let Some((head, file)) = data.split_first_chunk::<HEAD>() else { return };
-    let whole = seal(file);
-    let mut file = whole.clone().unwrap_or_else(|| file.to_vec());
+    let mut file = seal(file);
     damage(head, &mut file);
     let salvaged = match salvage_with_limits(&file, LIMITS) {
         Ok(salvaged) => salvaged,
@@ -54,7 +53,7 @@ fn damage(head: &[u8; HEAD], file: &mut Vec<u8>) {
 }
 
 /// Numbers that belong together.
-fn told(salvaged: &Salvaged) {
+pub(super) fn told(salvaged: &Salvaged) {
     let (reader, lost) = (salvaged.reader(), salvaged.lost());
     assert!(lost.is_sorted_by(|a, b| a < b) && lost.last().is_none_or(|last| *last < reader.block_count()));
     assert!(lost.iter().all(|block| salvaged.place(*block).is_some()));

@@ -1,20 +1,24 @@
-//! Right checksums for changed bytes. The decoder of the fuzz targets does not look at them; ordinary tests of the same
-//! inputs, whatever flags they are built with, need them to get as far.
+//! Right checksums for changed bytes: what is changed is then seen by all that comes after a checksum, by the same reader that everybody has.
 
 use std::borrow::Cow;
+use std::ops::Range;
 
 use csbrdf::decode::Reader;
 
-use super::sections::{join, split};
+const PREAMBLE: usize = 32;
+const ENTRY: usize = 20;
+/// After the copy in SPAR: its length, its checksum, the name.
+const SPARE: &[u8] = b"SPAR";
 
 /// The bytes as a body is to open them.
 pub fn sealed(file: &[u8]) -> Cow<'_, [u8]> {
-    if cfg!(all(fuzzing, not(test))) { file.into() } else { seal(file).unwrap_or_else(|| file.to_vec()).into() }
+    seal(file).into()
 }
 
-/// `None` if the file has no sections.
-pub fn seal(file: &[u8]) -> Option<Vec<u8>> {
-    let mut file = seal_sections(file)?;
+/// Every checksum put right that can be found, whatever else is wrong.
+pub fn seal(file: &[u8]) -> Vec<u8> {
+    let mut file = file.to_vec();
+    seal_sections(&mut file);
     // Records are found by the index, which must be right for that.
     if let Ok(reader) = Reader::open(&file[..]) {
         let parts = parts(&reader, &file);
@@ -25,14 +29,14 @@ pub fn seal(file: &[u8]) -> Option<Vec<u8>> {
                 file[end].copy_from_slice(&crc.to_le_bytes());
             }
         }
-        file = seal_sections(&file)?;
+        seal_sections(&mut file);
     }
-    Some(file)
+    file
 }
 
 /// What ends in a checksum within the sections, with what stands before it in the sum: records and parts of EXCT by the
 /// number of their block.
-fn parts(reader: &Reader<&[u8]>, file: &[u8]) -> Vec<(Vec<u8>, std::ops::Range<usize>)> {
+fn parts(reader: &Reader<&[u8]>, file: &[u8]) -> Vec<(Vec<u8>, Range<usize>)> {
     let number = |block: usize| (block as u32).to_le_bytes().to_vec();
     let blocks = 0..reader.block_count();
     let mut parts: Vec<_> =
@@ -56,14 +60,27 @@ fn parts(reader: &Reader<&[u8]>, file: &[u8]) -> Vec<(Vec<u8>, std::ops::Range<u
     parts
 }
 
-/// Checksums of the sections, then that of the preamble and the table.
-fn seal_sections(file: &[u8]) -> Option<Vec<u8>> {
-    let (preamble, mut sections) = split(file)?;
-    sections.iter_mut().for_each(|s| s.crc = crc32fast::hash(&s.bytes).to_le_bytes());
-    let mut sealed = join(preamble, &sections);
+/// Checksums of the sections that are within the file, then that of the preamble and the table.
+fn seal_sections(file: &mut [u8]) {
+    let Some(count) = file.get(14..16).map(|n| usize::from(u16::from_le_bytes([n[0], n[1]]))) else { return };
+    let table = PREAMBLE..PREAMBLE + count * ENTRY;
+    let mut start = table.end;
+    for at in table.clone().step_by(ENTRY) {
+        let Some(entry) = file.get(at..at + ENTRY) else { break };
+        let (spare, length) = (&entry[..4] == SPARE, u64::from_le_bytes(entry[8..16].try_into().expect("eight bytes")));
+        let end = usize::try_from(length).ok().and_then(|length| start.checked_add(length));
+        let Some(section) = end.and_then(|end| file.get_mut(start..end)) else { break };
+        if let Some(copy) = section.len().checked_sub(8).filter(|_| spare && section.ends_with(SPARE)) {
+            let crc = crc32fast::hash(&section[..copy]);
+            section[copy..copy + 4].copy_from_slice(&crc.to_le_bytes());
+        }
+        start += section.len();
+        let crc = crc32fast::hash(section);
+        file[at + 16..at + ENTRY].copy_from_slice(&crc.to_le_bytes());
+    }
     let mut hasher = crc32fast::Hasher::new();
-    hasher.update(&sealed[..28]);
-    hasher.update(&sealed[32..32 + 20 * sections.len()]);
-    sealed[28..32].copy_from_slice(&hasher.finalize().to_le_bytes());
-    Some(sealed)
+    hasher.update(&file[..file.len().min(PREAMBLE - 4)]);
+    let Some(entries) = file.get(table) else { return };
+    hasher.update(entries);
+    file[PREAMBLE - 4..PREAMBLE].copy_from_slice(&hasher.finalize().to_le_bytes());
 }
