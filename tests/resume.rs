@@ -98,14 +98,14 @@ fn interrupted(finished: usize) -> TempDir {
 fn ended_at_any_moment_the_next_run_ends_as_an_undisturbed_one() {
     let f = fixture();
     let mut seen = BTreeMap::new();
-    for (i, (signal, jobs)) in [("-KILL", "1"), ("-INT", "2")].into_iter().cycle().take(10).enumerate() {
+    for (i, (signal, jobs)) in [("-KILL", "1"), ("-INT", "2")].into_iter().cycle().take(6).enumerate() {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path();
         // Twice, the second time while it goes on with what the first one left.
         for round in 0..2 {
             let args = arguments(&f.tables, out);
             let mut child = start(Path::new("."), &[&args[..], &["--jobs", jobs]].concat(), Stdio::null());
-            std::thread::sleep(f.takes * (i as u32 + 1 + 3 * round) / 14);
+            std::thread::sleep(f.takes * (i as u32 + 1 + 2 * round) / 9);
             let _ = Command::new("kill").args([signal, &child.id().to_string()]).stderr(Stdio::null()).status();
             let ended = child.wait().unwrap();
             assert!(ended.code().is_none() || ended.success(), "{ended}");

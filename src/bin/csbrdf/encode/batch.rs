@@ -11,7 +11,8 @@ use std::time::Instant;
 
 use indicatif::ProgressBar;
 
-use super::{Done, Input, Job, PATIENCE, progress_bar};
+use super::job::{Done, Input, Job};
+use super::{PATIENCE, progress_bar};
 use crate::args::EncodeArgs;
 use crate::failure::{Failure, Outcome, note};
 use crate::guard::Guard;
