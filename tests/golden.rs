@@ -58,6 +58,20 @@ fn golden_files_decode_to_their_bits() {
     assert!(wrong.is_empty(), "decoded bits have changed:\n{}", wrong.join("\n"));
 }
 
+/// Also in a build with `--cfg fuzzing`: .ci/run runs this test in one.
+#[test]
+fn checksums_are_looked_at_whatever_the_build() {
+    let (name, ..) = &expected()[0];
+    let bytes = read(name);
+    let reader = Reader::open(&bytes[..]).unwrap();
+    for section in reader.directory().sections().iter().filter(|section| !section.range.is_empty()) {
+        let mut bad = bytes.clone();
+        bad[section.range.end - 1] ^= 1;
+        let refused = Reader::open(&bad[..]).map_or(true, |reader| !reader.verify().is_empty());
+        assert!(refused, "{name}: a flipped bit of {} goes unseen", section.name());
+    }
+}
+
 /// Pairs of directions, made without the system's sines, whose bits are not those of every machine.
 fn directions() -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
     let mut random = SplitMix64(2013);
