@@ -36,7 +36,7 @@ const BELOW_ONE: f64 = 1.0 - f64::EPSILON / 2.0;
 pub struct Sample {
     /// Unit vector away from the surface, z along the normal, above the horizon (`z > 0`).
     pub wo: [f64; 3],
-    /// Density of the draw there, 1/sr: what [`Importance::pdf`] says of `wo`.
+    /// Density of the draw there, 1/sr: what [`Importance::pdf`] says of `wo`, to the bit.
     pub pdf: f64,
 }
 
@@ -109,17 +109,18 @@ impl Importance {
     ///
     /// `None` if and only if `wi` is zero, not finite, or not above the horizon (`z <= 0`).
     pub fn sample(&self, wi: [f64; 3], u: [f64; 2]) -> Option<Sample> {
-        let given = Given::new(upper_unit(wi)?)?;
+        let given = Given::new(unit(wi)?)?;
         let [u, v] = u.map(|u| if u > 0.0 { u.min(BELOW_ONE) } else { 0.0 });
-        let Some(knots) = self.knots(&given) else {
-            let wo = by_cosine(u, v);
-            return Some(Sample { wo, pdf: wo[2] / PI });
+        let knots = self.knots(&given);
+        let wo = match &knots {
+            None => by_cosine(u, v),
+            Some(_) if u < COSINE_SHARE => by_cosine((u / COSINE_SHARE).min(BELOW_ONE), v),
+            Some(knots) => knots.draw(&given, ((u - COSINE_SHARE) / (1.0 - COSINE_SHARE)).min(BELOW_ONE), v),
         };
-        let wo = match u < COSINE_SHARE {
-            true => by_cosine((u / COSINE_SHARE).min(BELOW_ONE), v),
-            false => knots.draw(&given, ((u - COSINE_SHARE) / (1.0 - COSINE_SHARE)).min(BELOW_ONE), v),
-        };
-        Some(Sample { wo, pdf: density(&knots, &given, wo) })
+        // What `pdf` makes of it, to the bit: near the last azimuth above the horizon the density grows without bound, and
+        // a direction that differs in its last digits may have another one in the fourth.
+        let wo = unit(wo)?;
+        Some(Sample { wo, pdf: density(knots.as_ref(), &given, wo) })
     }
 
     /// Density of [`Importance::sample`] at `wo` for the given `wi`, 1/sr, per solid angle of `wo`; directions as in
@@ -127,11 +128,11 @@ impl Importance {
     ///
     /// 0 if one of them is zero, not finite, or not above the horizon (`z <= 0`). Always finite and not negative.
     pub fn pdf(&self, wi: [f64; 3], wo: [f64; 3]) -> f64 {
-        let (Some(given), Some(wo)) = (upper_unit(wi).and_then(Given::new), upper_unit(wo)) else { return 0.0 };
+        let (Some(given), Some(wo)) = (unit(wi).and_then(Given::new), unit(wo)) else { return 0.0 };
         if wo[2] <= 0.0 {
             return 0.0;
         }
-        self.knots(&given).map_or(wo[2] / PI, |knots| density(&knots, &given, wo))
+        density(self.knots(&given).as_ref(), &given, wo)
     }
 
     /// `None` where the cosine alone decides.
@@ -140,8 +141,28 @@ impl Importance {
     }
 }
 
-fn density(knots: &Knots, given: &Given, wo: [f64; 3]) -> f64 {
-    COSINE_SHARE * wo[2] / PI + (1.0 - COSINE_SHARE) * knots.density(given, wo)
+/// By the cosine alone without knots.
+fn density(knots: Option<&Knots>, given: &Given, wo: [f64; 3]) -> f64 {
+    let by_cosine = wo[2] / PI;
+    knots.map_or(by_cosine, |knots| COSINE_SHARE * by_cosine + (1.0 - COSINE_SHARE) * knots.density(given, wo))
+}
+
+/// Squared lengths this near to 1 are those of unit vectors after rounding.
+const ROUNDING: f64 = 8.0 * f64::EPSILON;
+
+/// The direction at unit length, `None` as of [`upper_unit`]; as it is if that is its length, so that once more changes
+/// nothing.
+fn unit(w: [f64; 3]) -> Option<[f64; 3]> {
+    let square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
+    if (square - 1.0).abs() <= ROUNDING && w[2] >= 0.0 {
+        return Some(w);
+    }
+    let mut unit = upper_unit(w)?;
+    if w[2] > 0.0 {
+        // Above the horizon stays so, however little.
+        unit[2] = unit[2].max(f64::MIN_POSITIVE);
+    }
+    Some(unit)
 }
 
 /// Malley's method: a disc, lifted to the hemisphere.
