@@ -76,6 +76,8 @@ mod entropy;
 pub mod error;
 pub mod eval;
 mod exact;
+#[doc(hidden)]
+pub mod excerpt;
 pub mod format;
 pub mod fourier;
 pub mod grid;

@@ -29,6 +29,9 @@ pub struct PrunedFile {
     pub kept: usize,
     /// Blocks of which it keeps the mean alone.
     pub pruned: usize,
+    /// Blocks among these that the trace names, but the file that was pruned had no more than their means either. A scene that
+    /// was traced with these means gets them again; what they stand for is only in the file before.
+    pub gone: usize,
 }
 
 /// What to leave out of a file, nothing unless it is told; then [`Pruner::prune`].
@@ -74,7 +77,7 @@ impl<'a> Pruner<'a> {
         let bad = |what: &str| Err(Error::InvalidArgument(what.into()));
         let detail = self.detail;
         if let Some(touched) = self.touched {
-            touched.check(reader.block_count(), reader.index_crc())?;
+            touched.check(reader)?;
         }
         if !is_dependent(reader.version().2) {
             return bad("files of drafts before 4 cannot be pruned; encode the table again");
@@ -164,7 +167,7 @@ impl<D: AsRef<[u8]>> Job<'_, D> {
         let Job { reader, selection, detail, .. } = *self;
         let as_is = detail == 0.0 && selection.is_none();
         let mut recoder = Recoder::new(reader.header(), header, selection, detail);
-        let (mut entries, mut records, mut kept) = (Vec::new(), Vec::new(), 0);
+        let (mut entries, mut records, mut kept, mut gone) = (Vec::new(), Vec::new(), 0, 0);
         for block in 0..reader.block_count() {
             let record = reader.record(block)?;
             let mut errors = reader.error_codes(block);
@@ -185,6 +188,8 @@ impl<D: AsRef<[u8]>> Job<'_, D> {
             };
             let has_all = record.class == ValidityClass::None;
             kept += usize::from(has_all || self.keeps(block) && record.class != ValidityClass::Pruned);
+            let named = self.touched.is_some_and(|touched| touched.blocks()[block]);
+            gone += usize::from(named && record.class == ValidityClass::Pruned);
             let means = reader.means(block);
             let means = selection.map_or_else(|| means.to_vec(), |selection| selection.of_components(means, 1));
             entries.push(Entry { length: bytes.len() as u32, errors, means });
@@ -194,7 +199,7 @@ impl<D: AsRef<[u8]>> Job<'_, D> {
         sections.push((directory::INDEX, false, write_index(reader.partition(), &entries)));
         sections.push((directory::METADATA, true, self.metadata(kept)?));
         sections.push((directory::RECORDS, false, records));
-        Ok(PrunedFile { bytes: write_file(VERSION, &sections), kept, pruned })
+        Ok(PrunedFile { bytes: write_file(VERSION, &sections), kept, pruned, gone })
     }
 
     /// Codes of the errors of what is kept of a block: the channels left out may have had none.
@@ -356,5 +361,9 @@ mod tests {
         let again = Pruner::new().prune(&small).unwrap();
         assert_eq!((again.kept, again.pruned), (some.kept, 1));
         assert!(matches!(block(&open(&again.bytes), 0), Err(Error::Pruned { block: 0 })));
+        assert_eq!((some.gone, again.gone), (0, 0));
+        // By a trace that names what is gone.
+        let named = Pruner::new().blocks(&trace(&small, |b| b < 2)).prune(&small).unwrap();
+        assert_eq!((named.gone, named.kept + named.pruned), (1, small.block_count()));
     }
 }

@@ -1,11 +1,19 @@
 //! Which blocks of a file a scene has looked at, to keep only those: `csbrdf prune`.
 
 use std::fmt::Write as _;
+use std::io::{BufRead, Read};
 
+use crate::budget::filled;
+use crate::decode::Reader;
 use crate::error::{Error, Result};
+use crate::excerpt::excerpt;
 
 /// First line of a trace.
 const TITLE: &str = "csbrdf trace 1";
+/// Most bytes of a line, comments among them.
+const MAX_LINE: usize = 4096;
+/// Most bytes of a trace: all blocks of the largest file, one a line, and as much again.
+const MAX_BYTES: u64 = 1 << 28;
 
 /// A set of blocks of one file.
 ///
@@ -43,22 +51,36 @@ impl Touched {
     /// # Errors
     /// `InvalidArgument` if it is of another file.
     pub fn merge(&mut self, other: &Touched) -> Result<()> {
-        self.check(other.blocks.len(), other.index_crc)?;
+        if (self.blocks.len(), self.index_crc) != (other.blocks.len(), other.index_crc) {
+            return Err(Error::InvalidArgument(format!(
+                "the traces are of two files: the one so far of {}, the one to add of {}; trace both scenes with one file",
+                self.file(),
+                other.file()
+            )));
+        }
         self.blocks.iter_mut().zip(&other.blocks).for_each(|(touched, other)| *touched |= *other);
         Ok(())
     }
 
-    /// Fails unless the trace is of a file with so many blocks and this sum of its index.
-    pub(crate) fn check(&self, blocks: usize, index_crc: u32) -> Result<()> {
+    /// Fails unless the trace is of this file.
+    ///
+    /// # Errors
+    /// `InvalidArgument` if it is of another.
+    pub fn check<D: AsRef<[u8]>>(&self, reader: &Reader<D>) -> Result<()> {
+        let (blocks, index_crc) = (reader.block_count(), reader.index_crc());
         if (self.blocks.len(), self.index_crc) == (blocks, index_crc) {
             return Ok(());
         }
         Err(Error::InvalidArgument(format!(
-            "the trace is of another file: {} blocks with index {:08x}, the file has {blocks} with {index_crc:08x}; trace the scene \
+            "the trace is of another file: of {}, the file has {blocks} blocks with index {index_crc:08x}; trace the scene \
              again with this file",
-            self.blocks.len(),
-            self.index_crc
+            self.file()
         )))
+    }
+
+    /// What a message calls the file that the trace is of.
+    fn file(&self) -> String {
+        format!("{} blocks with index {:08x}", self.blocks.len(), self.index_crc)
     }
 
     /// The trace as text.
@@ -76,38 +98,41 @@ impl Touched {
         text
     }
 
-    /// Reads a trace.
+    /// Reads a trace from its text.
     ///
     /// # Errors
-    /// `Corrupt` with the offset of the line that cannot be read.
+    /// As [`Touched::read`].
     pub fn from_text(text: &str) -> Result<Touched> {
-        let mut offset = 0;
-        let mut lines = text.split_inclusive('\n').map(|line| {
-            let at = offset;
-            offset += line.len() as u64;
-            (at, line.trim())
-        });
-        let corrupt = |at: u64, what: String| Error::corrupt("trace", at, what);
-        match lines.next() {
-            Some((_, TITLE)) => {}
-            _ => return Err(corrupt(0, format!("the first line is not `{TITLE}`"))),
+        Touched::read(text.as_bytes())
+    }
+
+    /// Reads a trace line by line, to the first that is none: what is no trace is not read to its end, which a device or a pipe
+    /// may not have.
+    ///
+    /// # Errors
+    /// `Corrupt` with the offset of the line that cannot be read or has more than 4096 bytes; `LimitExceeded` if there are more
+    /// than 2^28 bytes; `Io` of the reader; `OutOfMemory`.
+    pub fn read(from: impl BufRead) -> Result<Touched> {
+        let mut lines = Lines { from, line: Vec::new(), next: 0 };
+        if lines.fill()?.is_none_or(|(_, line)| line.trim_ascii() != TITLE.as_bytes()) {
+            return Err(corrupt(0, format!("the first line is not `{TITLE}`")));
         }
-        let mut lines = lines.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'));
-        let (at, line) = lines.next().unwrap_or((text.len() as u64, ""));
+        let (at, line) = lines.next()?.unwrap_or((lines.next, String::new()));
         let numbers = line.strip_prefix("blocks ").and_then(|rest| rest.split_once(" index "));
         let numbers = numbers.and_then(|(n, crc)| Some((n.parse().ok()?, u32::from_str_radix(crc, 16).ok()?)));
         let (count, index_crc): (usize, u32) =
-            numbers.ok_or_else(|| corrupt(at, format!("`{line}` is not `blocks N index X`")))?;
+            numbers.ok_or_else(|| corrupt(at, format!("`{}` is not `blocks N index X`", excerpt(&line))))?;
         if count > crate::format::MAX_BLOCKS {
             return Err(corrupt(at, format!("{count} blocks, a file has {} at most", crate::format::MAX_BLOCKS)));
         }
-        let mut blocks = vec![false; count];
+        let mut blocks = filled(false, count)?;
         let mut next = 0;
-        for (at, line) in lines {
-            let (first, last) = line.split_once('-').unwrap_or((line, line));
+        while let Some((at, line)) = lines.next()? {
+            let (first, last) = line.split_once('-').unwrap_or((&line, &line));
             let range = first.parse::<usize>().ok().zip(last.parse::<usize>().ok());
             let Some((first, last)) = range.filter(|&(first, last)| next <= first && first <= last && last < count)
             else {
+                let line = excerpt(&line);
                 return Err(corrupt(
                     at,
                     format!("`{line}` is not a block or range of blocks from {next} to {count} excluded"),
@@ -117,6 +142,48 @@ impl Touched {
             next = last + 1;
         }
         Ok(Touched { blocks, index_crc })
+    }
+}
+
+fn corrupt(at: u64, what: String) -> Error {
+    Error::corrupt("trace", at, what)
+}
+
+/// The lines of a text of which no more is held than one.
+struct Lines<R> {
+    from: R,
+    line: Vec<u8>,
+    /// Offset of the next.
+    next: u64,
+}
+
+impl<R: BufRead> Lines<R> {
+    /// The next line and its offset, or the beginning of one that is too long.
+    fn fill(&mut self) -> Result<Option<(u64, &[u8])>> {
+        let at = self.next;
+        self.line.clear();
+        let read = self.from.by_ref().take(MAX_LINE as u64 + 1).read_until(b'\n', &mut self.line)?;
+        self.next += read as u64;
+        if self.next > MAX_BYTES {
+            return Err(Error::LimitExceeded { what: "bytes of the trace", got: self.next, limit: MAX_BYTES });
+        }
+        Ok((read > 0).then_some((at, &self.line)))
+    }
+
+    /// The next line that is neither blank nor a comment, without blanks at its ends.
+    fn next(&mut self) -> Result<Option<(u64, String)>> {
+        while let Some((at, line)) = self.fill()? {
+            if line.len() > MAX_LINE {
+                let begin = String::from_utf8_lossy(&line[..MAX_LINE]).into_owned();
+                let begin: String = begin.chars().take(crate::excerpt::MOST).collect();
+                return Err(corrupt(at, format!("the line that begins `{begin}` has more than {MAX_LINE} bytes")));
+            }
+            let text = std::str::from_utf8(line).map_err(|_| corrupt(at, "the line is no text".into()))?.trim();
+            if !text.is_empty() && !text.starts_with('#') {
+                return Ok(Some((at, text.into())));
+            }
+        }
+        Ok(None)
     }
 }
 
@@ -164,6 +231,45 @@ mod tests {
         let mut touched = trace([true, false], 1);
         touched.merge(&trace([false, true], 1)).unwrap();
         assert_eq!(touched.count(), 2);
-        assert!(touched.merge(&trace([true, true], 2)).is_err());
+        let refused = touched.merge(&trace([true, true], 2)).unwrap_err().to_string();
+        assert!(
+            refused.contains("so far of 2 blocks with index 00000001, the one to add of 2 blocks with index 00000002")
+        );
+    }
+
+    /// A reader of the same byte for ever that counts how often it is read.
+    struct Endless<'a>(&'a [u8], usize);
+
+    impl Read for Endless<'_> {
+        fn read(&mut self, into: &mut [u8]) -> std::io::Result<usize> {
+            assert!(self.1 < 10_000_000, "reads on");
+            self.1 += into.len();
+            into.iter_mut().zip(self.0.iter().cycle()).for_each(|(byte, from)| *byte = *from);
+            Ok(into.len())
+        }
+    }
+
+    #[test]
+    fn what_has_no_end_is_read_to_the_first_wrong_line() {
+        let says = |head: &'static str, rest: &[u8]| {
+            let from = std::io::BufReader::new(head.as_bytes().chain(Endless(rest, 0)));
+            Touched::read(from).unwrap_err().to_string()
+        };
+        for rest in [&b"\0"[..], b"x", b"\n", b"csbrdf trace 1"] {
+            assert!(says("", rest).contains("first line is not"), "{rest:?}");
+        }
+        assert!(says("csbrdf trace 1\n", b"a\n").contains("`a` is not `blocks N index X`"));
+        let head = "csbrdf trace 1\nblocks 6 index 0\n";
+        assert!(says(head, b"\0").contains("has more than 4096 bytes"));
+        assert!(says(head, b"1\n").contains("offset 34: `1` is not a block"));
+        let comment = says("csbrdf trace 1\n#", b"\xFF");
+        assert!(comment.contains("more than 4096 bytes") && comment.len() < 400, "{comment}");
+    }
+
+    #[test]
+    fn long_lines_are_quoted_in_part() {
+        let text = format!("csbrdf trace 1\nblocks 6 index 0\n{}\n", "x".repeat(2000));
+        let refused = Touched::from_text(&text).unwrap_err().to_string();
+        assert!(refused.contains("xxx... (1920 more bytes)` is not a block") && refused.len() < 300, "{refused}");
     }
 }

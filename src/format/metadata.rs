@@ -9,6 +9,7 @@ mod present {
 
     use crate::bits::ByteReader;
     use crate::error::{Error, Result};
+    use crate::excerpt::excerpt;
     use crate::format::{MAX_METADATA, MAX_METADATA_OBJECTS};
 
     /// Provenance of a file. All fields are optional; unknown keys are kept in `other`.
@@ -86,7 +87,7 @@ mod present {
                 return Err(place.corrupt(format!("{} bytes of JSON, expected {length}", text.len())));
             }
             at_most(OBJECTS, objects(&text), MAX_METADATA_OBJECTS)?;
-            serde_json::from_slice(&text).map_err(|e| place.corrupt(format!("JSON: {e}")))
+            serde_json::from_slice(&text).map_err(|e| place.corrupt(format!("JSON: {}", excerpt(&e.to_string()))))
         }
 
         #[cfg(feature = "encode")]
@@ -95,8 +96,12 @@ mod present {
             at_most("metadata size", text.len(), MAX_METADATA)?;
             at_most(OBJECTS, objects(&text), MAX_METADATA_OBJECTS)?;
             // Free keys may not take the place of known ones: what is written must be readable.
-            serde_json::from_slice::<Metadata>(&text)
-                .map_err(|e| Error::InvalidArgument(format!("metadata: a free key has a known key's name: {e}")))?;
+            serde_json::from_slice::<Metadata>(&text).map_err(|e| {
+                Error::InvalidArgument(format!(
+                    "metadata: a free key has a known key's name: {}",
+                    excerpt(&e.to_string())
+                ))
+            })?;
             let mut bytes = (text.len() as u32).to_le_bytes().to_vec();
             bytes.extend(zstd::bulk::compress(&text, 19)?);
             Ok(bytes)

@@ -21,6 +21,7 @@ use csv::{ByteRecord, ReaderBuilder, Trim};
 
 use crate::coords::{Lookup, grid_coordinates, taps};
 use crate::error::{Error, Result};
+use crate::excerpt::excerpt;
 use crate::grid::{AxisName, Grid, MERL_SCALE};
 use crate::plan::Plan;
 use crate::table::BrdfTable;
@@ -284,7 +285,7 @@ impl Row<'_> {
             Ok(x) if x.is_nan() => "is not a number; leave what was not measured empty".into(),
             Ok(x) => format!("{x} is out of range, {least} to {most}; correct it"),
             Err(_) if text.is_empty() => "is empty; give a number".into(),
-            Err(_) => format!("{text:?} is not a number; write it like 0.25 or 2.5e-1"),
+            Err(_) => format!("{:?} is not a number; write it like 0.25 or 2.5e-1", excerpt(&text)),
         };
         Err(self.bad(format!("column {name}: {what}")))
     }
