@@ -156,6 +156,21 @@ pub fn array<'py, T: Element>(py: Python<'py>, values: Vec<T>, shape: &[usize]) 
     PyArray1::from_vec(py, values).reshape(shape)
 }
 
+/// Has NumPy's functions found when this module is imported. By the first call that makes an array it would be too late: that
+/// imports NumPy and lets other threads go on meanwhile, and a child that one of them forks would wait for ever for the end of it.
+pub fn prepare(py: Python<'_>) -> PyResult<()> {
+    let made = array(py, vec![0.0f32], &[1])?;
+    let made = made.into_any();
+    let made = made.cast::<PyArrayDyn<f32>>()?;
+    drop(made.try_readonly()?);
+    drop(made.try_readwrite()?);
+    made.cast::<PyArrayDyn<f64>>().err();
+    array(py, vec![0.0f64], &[1])?;
+    array(py, vec![0u8], &[1])?;
+    array(py, vec![false], &[1])?;
+    Ok(())
+}
+
 /// A shape as Python writes it.
 pub fn shown(py: Python<'_>, shape: &[usize]) -> PyResult<String> {
     Ok(PyTuple::new(py, shape)?.repr()?.to_string())

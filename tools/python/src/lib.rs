@@ -22,8 +22,8 @@ use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 use pyo3::types::{PySlice, PyTuple};
 
-use arrays::{Directions, Pairs, array, zeros};
-use boundary::{Error, detached, exception, on_threads};
+use arrays::{Directions, Pairs, array, prepare, zeros};
+use boundary::{Error, detached, exception, on_threads, watch_forks};
 use grid::{PyAxis, PyChannel};
 use importance::PyImportance;
 use many::eval_many;
@@ -87,7 +87,8 @@ fn read_pruned(pruned: &str) -> PyResult<Pruned> {
 ///
 /// Parameters: path: str or path object. cache_bytes, lookup, pruned: as for csbrdf.Brdf.
 ///
-/// Raises OSError (FileNotFoundError, ...) if the file cannot be opened, csbrdf.Error if it cannot be read.
+/// Raises OSError (FileNotFoundError, ...) if the file cannot be opened or is a pipe, a socket or a device (read it and use
+/// csbrdf.Brdf(data)), csbrdf.Error if it cannot be read.
 #[pyfunction]
 #[pyo3(signature = (path, cache_bytes = CACHE_BYTES, lookup = "linear", pruned = "refuse"))]
 fn open(py: Python<'_>, path: PathBuf, cache_bytes: usize, lookup: &str, pruned: &str) -> PyResult<PyBrdf> {
@@ -360,6 +361,8 @@ impl PyBrdf {
 /// Decoder of .csbrdf files, compiled; `import csbrdf` has it all.
 #[pymodule]
 fn _csbrdf(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    prepare(module.py())?;
+    watch_forks(module)?;
     module.add("Error", module.py().get_type::<Error>())?;
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_class::<PyBrdf>()?;
