@@ -6,13 +6,14 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 
 const EXIT_CODES: &str = "\
 Exit codes:
-  0  done; also if the reader of the output closed the pipe early
+  0  done, and all of the output written
   1  an operation failed: a file is missing, exists already, cannot be read or written; a contract (--max-error,
      --rmse, --psnr, --ratio, --size) cannot be kept, verify --against shows that a file breaks its word, or lint --strict
      has warnings
   2  usage: the arguments are wrong
   3  an input is damaged or not of the expected format; also if decode --salvage or repair wrote what is left of it
   4  an input is of a version that this build does not read, or above its limits
+  141  the reader of standard output closed it before all was written, as head does: as of SIGPIPE, without a message
 With several inputs: the code of the first that failed.";
 
 /// Compresses measured BRDFs and gives them back, whole, by block or by direction.

@@ -9,8 +9,10 @@ use serde_json::{Value, json};
 use crate::args::CompareArgs;
 use crate::failure::{Failure, Outcome};
 use crate::input::{self, is_dash, label};
+use crate::names;
 use crate::output::{Target, print};
 use crate::picture::Picture;
+use crate::quote;
 use crate::text::{clean, decibel, error_figure, grouped};
 
 /// Render PSNR in dB: of all, and of red, green and blue.
@@ -52,7 +54,7 @@ pub fn run(args: &CompareArgs) -> Outcome {
         }
     }
     print(&if args.json {
-        format!("{}\n", object(args, &names, &comparison, render))
+        quote::json(&format!("{}\n", object(args, &names, &comparison, render)))
     } else {
         report(args, &names, &comparison, render)
     })
@@ -89,8 +91,8 @@ fn object(args: &CompareArgs, names: &[String], comparison: &Comparison, render:
 
 fn report(args: &CompareArgs, names: &[String], comparison: &Comparison, render: Option<Render>) -> String {
     let mut text = String::new();
-    let _ = writeln!(text, "reference  {}", clean(&label(&args.reference)));
-    let _ = writeln!(text, "other      {}\n", clean(&label(&args.other)));
+    let _ = writeln!(text, "reference  {}", names::shown(&args.reference));
+    let _ = writeln!(text, "other      {}\n", names::shown(&args.other));
     text.push_str(&table(names, comparison));
     text.push('\n');
     for (count, side) in [(comparison.only_in_reference, "reference"), (comparison.only_in_other, "other")] {

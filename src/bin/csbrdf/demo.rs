@@ -1,7 +1,6 @@
 //! `csbrdf demo`: the whole way on a synthetic material, with figures and a picture; needs no data.
 
 use std::fmt::Write;
-use std::io::IsTerminal;
 use std::time::Instant;
 
 use csbrdf::decode::Reader;
@@ -16,6 +15,7 @@ use crate::args::DemoArgs;
 use crate::failure::{Failure, Outcome};
 use crate::output::{Target, print};
 use crate::picture::Picture;
+use crate::stdout::{self, print_as_is};
 use crate::text::{clean, grouped};
 
 const MATERIAL: &str = "pearl";
@@ -94,11 +94,11 @@ pub fn run(args: &DemoArgs) -> Outcome {
 
     picture.write(&target, force)?;
     let mut text = String::from("\nReference, decoded, difference x 8 (black where equal):\n");
-    if std::io::stdout().is_terminal() {
+    if stdout::is_terminal() {
         text.push_str(&pictures(&table, &decoded, PREVIEW).map_err(failed)?.1.half_blocks());
     }
     let _ = writeln!(text, "{}", clean(&target.to_string()));
-    print(&text)
+    print_as_is(&text)
 }
 
 /// Render PSNR and the picture of two tables.

@@ -280,7 +280,7 @@ fn encode(
     progress: &(dyn Fn(f64) + Sync),
 ) -> Result<Done, Failure> {
     let start = Instant::now();
-    let source = input::read(input)?;
+    let source = if args.samples.is_some() { samples::read(input)? } else { input::read(input)? };
     let bytes = source.as_ref();
     target.check(args.force)?;
     let (table, described) = if args.samples.is_some() {

@@ -13,6 +13,8 @@ use crate::failure::{Failure, Outcome};
 use crate::input::{self, Bytes, is_dash};
 use crate::output::Target;
 use crate::prune::write_trace;
+use crate::quote;
+use crate::stdout;
 use crate::text::nine_digits;
 
 /// Longest line of a file of pairs.
@@ -53,7 +55,7 @@ pub fn run(args: &EvalArgs) -> Outcome {
         values: vec![0.0; brdf.reader().grid().channels().len()],
         names: brdf.reader().grid().channels().iter().map(|c| c.name.clone()).collect(),
         brdf,
-        out: BufWriter::new(std::io::stdout().lock()),
+        out: BufWriter::new(stdout::lock()?),
     };
     match single {
         Some(pair) => printer.print(pair)?,
@@ -87,12 +89,16 @@ fn each_pair(path: &Path, mut from: impl BufRead, mut work: impl FnMut(Pair) -> 
         if read == 0 {
             break;
         }
+        if read as u64 > MAX_LINE {
+            let what = format!("line {number} has more than {MAX_LINE} bytes; six numbers take less");
+            return Err(Failure::bad_input(path, what));
+        }
         let text = String::from_utf8_lossy(&line);
         let text = text.trim();
         if text.is_empty() || text.starts_with('#') {
             continue;
         }
-        let six = numbers::<6>(text).ok().filter(|_| read as u64 <= MAX_LINE);
+        let six = numbers::<6>(text).ok();
         let Some([ix, iy, iz, ox, oy, oz]) = six else {
             let what = format!("line {number}: expected six numbers, x y z of wi and of wo");
             return Err(Failure::bad_input(path, what));
@@ -115,7 +121,8 @@ impl<W: Write> Printer<'_, W> {
     fn print(&mut self, (wi, wo): Pair) -> Outcome {
         self.brdf.eval_into(wi, wo, &mut self.values).map_err(|e| Failure::in_file(self.input, &e))?;
         let line = if self.json {
-            json!({"wi": wi, "wo": wo, "channels": self.names, "values": self.values, "unit": "1/sr"}).to_string()
+            let object = json!({"wi": wi, "wo": wo, "channels": self.names, "values": self.values, "unit": "1/sr"});
+            quote::json(&object.to_string())
         } else {
             self.values.iter().map(|v| nine_digits(*v)).collect::<Vec<_>>().join(" ")
         };

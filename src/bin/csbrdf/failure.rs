@@ -11,6 +11,8 @@ const OPERATION: u8 = 1;
 const USAGE: u8 = 2;
 const BAD_INPUT: u8 = 3;
 const UNSUPPORTED: u8 = 4;
+/// What shells report of a program that SIGPIPE ended, 128 + 13.
+const BROKEN_PIPE: u8 = 141;
 
 /// Why a command ended early.
 #[derive(Debug)]
@@ -69,6 +71,7 @@ impl Failure {
         use std::io::ErrorKind::*;
         let remedy = match error.kind() {
             NotFound => "; check the path",
+            InvalidFilename => "; choose a shorter name",
             PermissionDenied => "; check the permissions",
             StorageFull | QuotaExceeded => "; free some space",
             _ => "",
@@ -76,12 +79,15 @@ impl Failure {
         Failure::operation(format!("{}: {}{remedy}", label(file), plain(error)))
     }
 
-    /// Standard output failed; quietly if its reader has closed it.
+    /// Standard output failed; quietly if its reader has closed it, which has what it wanted.
     pub fn stdout(error: &std::io::Error) -> Failure {
-        if error.kind() == std::io::ErrorKind::BrokenPipe {
-            return Failure { code: 0, message: None };
-        }
-        Failure::operation(format!("standard output: {}", plain(error)))
+        use std::io::ErrorKind::*;
+        let remedy = match error.kind() {
+            BrokenPipe => return Failure { code: BROKEN_PIPE, message: None },
+            StorageFull | QuotaExceeded => "; free some space",
+            _ => "",
+        };
+        Failure::operation(format!("standard output: {}{remedy}", plain(error)))
     }
 
     /// Everything was reported already; only the exit code of `self` is left.
@@ -114,7 +120,7 @@ impl Failure {
 
     /// True if nobody reads the output any more, so that more work is in vain.
     pub fn is_quiet(&self) -> bool {
-        self.code == 0
+        self.code == BROKEN_PIPE
     }
 
     /// The exit code.
@@ -138,7 +144,13 @@ fn plain(error: &std::io::Error) -> String {
     letters.next().map_or(String::new(), |first| first.to_lowercase().chain(letters).collect())
 }
 
+/// Most characters of a line. Foreign text in it is cut where it is quoted; this is for what nobody thought of.
+const MOST: usize = 10_000;
+
 /// A line on standard error; whether anybody reads it does not matter.
 pub fn note(line: &str) {
-    let _ = writeln!(std::io::stderr().lock(), "{}", clean(line));
+    let end = line.char_indices().nth(MOST).map_or(line.len(), |(end, _)| end);
+    let (shown, rest) = line.split_at(end);
+    let more = if rest.is_empty() { String::new() } else { format!("... ({} more bytes)", rest.len()) };
+    let _ = writeln!(std::io::stderr().lock(), "{}{more}", clean(shown));
 }

@@ -14,6 +14,7 @@ use crate::args::InfoArgs;
 use crate::failure::{Failure, Outcome, each};
 use crate::input;
 use crate::output::print;
+use crate::quote;
 use crate::sets::manifest::Manifest;
 use crate::sets::table;
 use crate::text::{clean, error_figure, grouped, percent};
@@ -27,7 +28,7 @@ pub fn run(args: &InfoArgs) -> Outcome {
             }
             let contents = Contents::of(file, data)?;
             let mut text = match args.json {
-                true => format!("{}\n", json::object(&contents, args.blocks)),
+                true => quote::json(&format!("{}\n", json::object(&contents, args.blocks))),
                 false => report(&contents),
             };
             if args.blocks && !args.json {

@@ -14,6 +14,7 @@ use crate::args::LintArgs;
 use crate::failure::{Failure, Outcome, each};
 use crate::input::{self, label};
 use crate::output::print;
+use crate::quote;
 use crate::text::{clean, error_figure, grouped, percent};
 
 pub fn run(args: &LintArgs) -> Outcome {
@@ -22,7 +23,7 @@ pub fn run(args: &LintArgs) -> Outcome {
             let warnings = findings.warnings();
             let between = if i > 0 && !args.json { "\n" } else { "" };
             print(&match args.json {
-                true => format!("{}\n", object(file, &findings, &warnings)),
+                true => quote::json(&format!("{}\n", object(file, &findings, &warnings))),
                 false => format!("{between}{}", report(file, &findings, &warnings)),
             })?;
             match warnings.len() {

@@ -10,6 +10,7 @@ mod failure;
 mod info;
 mod input;
 mod lint;
+mod names;
 mod output;
 mod pending;
 mod picture;
@@ -22,6 +23,7 @@ mod report;
 mod salvage;
 mod samples;
 mod sets;
+mod stdout;
 mod study;
 mod synth;
 mod text;
@@ -37,11 +39,8 @@ use failure::{Failure, Outcome};
 fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
-        Err(error) => {
-            // Help and version are errors of code 0 to clap. A closed pipe is no reason to complain.
-            let _ = error.print();
-            return ExitCode::from(error.exit_code().clamp(0, 255) as u8);
-        }
+        // Help and version are errors of code 0 to clap.
+        Err(error) => return stdout::clap(&error),
     };
     match run(cli) {
         Ok(()) => ExitCode::SUCCESS,

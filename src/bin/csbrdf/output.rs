@@ -1,12 +1,15 @@
 //! Outputs: standard output, or a file that appears under its name only when it is complete.
 
 use std::fs::File;
-use std::io::{BufWriter, IsTerminal, Write};
+use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use crate::failure::{Failure, Outcome};
 use crate::input::is_dash;
 use crate::pending::Pending;
+use crate::stdout;
+
+pub use crate::stdout::print;
 
 /// Where a command's result goes.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -27,10 +30,10 @@ impl Target {
     /// not set, its folder does not, or bytes that are no text would go to a terminal.
     pub fn check(&self, force: bool) -> Outcome {
         let path = match self {
-            Target::Stdout if std::io::stdout().is_terminal() => {
+            Target::Stdout if stdout::is_terminal() => {
                 return Err(Failure::usage("binary data is not written to a terminal; use -o FILE or a pipe"));
             }
-            Target::Stdout => return Ok(()),
+            Target::Stdout => return stdout::lock().map(drop),
             Target::File(path) => path,
         };
         match std::fs::metadata(path) {
@@ -39,6 +42,8 @@ impl Target {
             }
             Ok(found) if found.is_file() && !force => Err(exists(path)),
             Ok(_) => Ok(()),
+            // Too long a name: known now, not after the work.
+            Err(e) if e.kind() == std::io::ErrorKind::InvalidFilename => Err(Failure::io(path, &e)),
             Err(_) if !folder_of(path).is_dir() => {
                 let folder = folder_of(path).display().to_string();
                 Err(Failure::operation(format!("{}: no folder {folder}; make it first", path.display())))
@@ -52,7 +57,7 @@ impl Target {
     pub fn write(&self, force: bool, fill: impl FnOnce(&mut dyn Write) -> csbrdf::Result<()>) -> Outcome {
         let path = match self {
             Target::Stdout => {
-                let mut out = BufWriter::new(std::io::stdout().lock());
+                let mut out = BufWriter::new(stdout::lock()?);
                 let written = fill(&mut out).and_then(|()| Ok(out.flush()?));
                 return written.map_err(|e| match e.kind() {
                     csbrdf::Error::Io(e) => Failure::stdout(e),
@@ -103,10 +108,4 @@ pub fn folder_of(path: &Path) -> &Path {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
     }
-}
-
-/// Prints text to standard output.
-pub fn print(text: &str) -> Outcome {
-    let mut out = std::io::stdout().lock();
-    out.write_all(text.as_bytes()).and_then(|()| out.flush()).map_err(|e| Failure::stdout(&e))
 }

@@ -1,7 +1,9 @@
 //! `csbrdf prune`: a smaller file for the scenes of some traces, or of some channels.
 
+use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
+use csbrdf::excerpt::excerpt;
 use csbrdf::grid::Channel;
 use csbrdf::prune::Pruner;
 use csbrdf::touched::Touched;
@@ -11,9 +13,6 @@ use crate::failure::{Failure, Outcome, note};
 use crate::input::{self, is_dash, label};
 use crate::output::Target;
 use crate::text::{grouped, percent};
-
-/// Longest trace that is read: all blocks of the largest file, one a line.
-const MAX_TRACE: u64 = 1 << 28;
 
 pub fn run(args: &PruneArgs, quiet: bool) -> Outcome {
     if is_dash(&args.input) && args.output.is_none() {
@@ -25,9 +24,12 @@ pub fn run(args: &PruneArgs, quiet: bool) -> Outcome {
     target.check(args.force)?;
     let mut touched: Option<Touched> = None;
     for path in &args.trace {
+        let failed = |e: csbrdf::Error| Failure::in_file(path, &e);
         let trace = read_trace(path)?;
+        // Each by itself, so that the one that is of another file is named.
+        trace.check(&reader).map_err(failed)?;
         match &mut touched {
-            Some(touched) => touched.merge(&trace).map_err(|e| Failure::in_file(path, &e))?,
+            Some(touched) => touched.merge(&trace).map_err(failed)?,
             None => touched = Some(trace),
         }
     }
@@ -45,6 +47,9 @@ pub fn run(args: &PruneArgs, quiet: bool) -> Outcome {
     }
     let pruned = pruner.prune(&reader).map_err(|e| Failure::in_file(&args.input, &e))?;
     target.write(args.force, |out| Ok(out.write_all(&pruned.bytes)?))?;
+    if !quiet && pruned.gone > 0 {
+        note(&gone(&args.input, pruned.gone));
+    }
     if !quiet {
         let (before, after) = (reader.directory().file_length(), pruned.bytes.len());
         let of_channels =
@@ -76,8 +81,8 @@ fn numbers(texts: &[String], channels: &[Channel]) -> Result<Vec<usize>, String>
                 Err(format!("several channels are named `{text}`, {first} and {second} among them; give their numbers"))
             }
             [] => text.parse().ok().filter(|channel| *channel < channels.len()).ok_or_else(|| {
-                let mut names: Vec<&str> = channels.iter().take(MAX_LISTED).map(|c| c.name.as_str()).collect();
-                names.extend((channels.len() > MAX_LISTED).then_some("..."));
+                let mut names: Vec<_> = channels.iter().take(MAX_LISTED).map(|c| excerpt(&c.name)).collect();
+                names.extend((channels.len() > MAX_LISTED).then_some("...".into()));
                 format!("no channel `{text}`; there are {}, or by number 0 to {}", names.join(", "), channels.len() - 1)
             }),
         }
@@ -85,14 +90,25 @@ fn numbers(texts: &[String], channels: &[Channel]) -> Result<Vec<usize>, String>
     texts.iter().map(number).collect()
 }
 
+/// A warning, no error: a scene that was traced with `--coarse` looks at the means of blocks that are gone, and gets the very
+/// same again from the new file. But nothing brings back what they stand for, so whoever meant to keep it must know.
+fn gone(file: &Path, count: usize) -> String {
+    let (blocks, they) = if count == 1 { ("block", "it is") } else { ("blocks", "they are") };
+    format!(
+        "{}: warning: the trace names {} {blocks} that this file holds only the mean of; {they} not kept, prune the file that has \
+         all blocks to keep them",
+        label(file),
+        grouped(count)
+    )
+}
+
 fn read_trace(path: &Path) -> Result<Touched, Failure> {
-    let length = std::fs::metadata(path).map_err(|e| Failure::io(path, &e))?.len();
-    if length > MAX_TRACE {
-        return Err(Failure::unsupported(path, format!("a trace of {length} bytes, at most {MAX_TRACE} are read")));
+    let failed = |e: std::io::Error| Failure::io(path, &e);
+    if std::fs::metadata(path).map_err(failed)?.is_dir() {
+        return Err(Failure::operation(format!("{}: is a directory; name a trace", label(path))));
     }
-    let bytes = std::fs::read(path).map_err(|e| Failure::io(path, &e))?;
-    let text = String::from_utf8(bytes).map_err(|_| Failure::bad_input(path, "is no text; give a trace"))?;
-    Touched::from_text(&text).map_err(|e| Failure::in_file(path, &e))
+    let file = std::fs::File::open(path).map_err(failed)?;
+    Touched::read(BufReader::new(file)).map_err(|e| Failure::in_file(path, &e))
 }
 
 /// Writes what a scene touched.

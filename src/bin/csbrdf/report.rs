@@ -24,6 +24,7 @@ use crate::args::ReportArgs;
 use crate::encode;
 use crate::failure::{Failure, Outcome, note};
 use crate::input::{self, is_dash, label};
+use crate::names;
 use crate::output::Target;
 use crate::text::clean;
 use plan::Plan;
@@ -117,7 +118,7 @@ fn try_table(
     let source = input::read(path)?;
     let bytes = source.as_ref();
     let mut tried = Tried {
-        name: label(path),
+        name: names::shown(path),
         source_bytes: bytes.len(),
         plan: plan.clone(),
         points: Vec::new(),
@@ -130,7 +131,7 @@ fn try_table(
     let subject = Subject { table, metadata, picture };
     drop(source);
 
-    let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+    let stem = path.file_stem().map(names::safe).unwrap_or_default();
     for (number, settings) in plan.settings().into_iter().enumerate() {
         let from = (before + number as u64) * STEPS;
         let progress = |share: f64| bar.set_position(from + (share * STEPS as f64) as u64);

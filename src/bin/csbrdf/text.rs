@@ -1,8 +1,37 @@
 //! Numbers and names as text.
 
-/// Control characters replaced: names out of files must not steer the terminal, and a message is one line.
+use unicode_properties::{GeneralCategory, UnicodeGeneralCategory};
+
+/// Whether a character steers what shows the text in place of being shown: control characters, line and paragraph
+/// separators, format characters (the writing direction U+202E, the byte order mark, joiners and spaces of no width, tags),
+/// and letters that are blank.
+pub fn is_hidden(c: char) -> bool {
+    use GeneralCategory::{Control, Format, LineSeparator, ParagraphSeparator};
+    // Those of ASCII are told without the table.
+    match c {
+        ' '..='~' => false,
+        // Fillers and vowels without a shape, the joiner of graphemes, the Mongolian separators, the blank of Braille.
+        '\u{34F}'
+        | '\u{115F}'
+        | '\u{1160}'
+        | '\u{17B4}'
+        | '\u{17B5}'
+        | '\u{180B}'..='\u{180F}'
+        | '\u{2800}'
+        | '\u{3164}'
+        | '\u{FFA0}' => true,
+        c => matches!(c.general_category(), Control | Format | LineSeparator | ParagraphSeparator),
+    }
+}
+
+/// Hidden characters replaced: names out of files must not steer the terminal, and a message is one line.
 pub fn clean(text: &str) -> String {
-    text.chars().map(|c| if c.is_control() { '\u{FFFD}' } else { c }).collect()
+    text.chars().map(|c| if is_hidden(c) { '\u{FFFD}' } else { c }).collect()
+}
+
+/// The same of a text of several lines.
+pub fn clean_lines(text: &str) -> String {
+    text.chars().map(|c| if is_hidden(c) && c != '\n' { '\u{FFFD}' } else { c }).collect()
 }
 
 /// A count with its thousands set apart.
@@ -74,5 +103,21 @@ mod tests {
     #[test]
     fn control_characters_are_shown_not_obeyed() {
         assert_eq!(clean("a\u{1b}[31m\nb"), "a\u{FFFD}[31m\u{FFFD}b");
+    }
+
+    #[test]
+    fn nor_are_other_characters_that_do_not_show() {
+        let hidden = [
+            0x00, 0x09, 0x7F, 0x85, 0x9B, 0xAD, 0x34F, 0x61C, 0x115F, 0x180E, 0x200B, 0x200D, 0x200E, 0x200F, 0x2028,
+            0x2029, 0x202A, 0x202E, 0x2060, 0x2066, 0x2069, 0x206F, 0x3164, 0xFEFF, 0xFFA0, 0xFFF9, 0xE0001, 0xE007F,
+        ];
+        for c in hidden.map(|c| char::from_u32(c).unwrap()) {
+            assert_eq!(clean(&format!("a{c}b")), "a\u{FFFD}b", "{c:?}");
+            let kept = if c == '\n' { "\n" } else { "\u{FFFD}" };
+            assert_eq!(clean_lines(&c.to_string()), kept, "{c:?}");
+        }
+        let shown = "Azaz09 ~!\u{A0}\u{E9}e\u{301}\u{3B8}\u{5D0}\u{4E2D}\u{1F3A8}\u{FFFD}";
+        assert_eq!(clean(shown), shown);
+        assert_eq!(clean_lines("a\nb"), "a\nb");
     }
 }

@@ -8,6 +8,7 @@ use crate::args::InfoArgs;
 use crate::failure::{Failure, Outcome};
 use crate::input::label;
 use crate::output;
+use crate::quote;
 use crate::text::{clean, error_figure, grouped};
 
 /// Widest column of names; longer ones move the rest of their row.
@@ -21,7 +22,7 @@ pub fn print(path: &Path, bytes: &[u8], args: &InfoArgs, apart: bool) -> Outcome
     }
     if args.json {
         let text = serde_json::to_string(&manifest).map_err(|e| Failure::bad_input(path, e))?;
-        return output::print(&(text + "\n"));
+        return output::print(&quote::json(&(text + "\n")));
     }
     let text = text(path, &manifest);
     output::print(&if apart { format!("\n{text}") } else { text })

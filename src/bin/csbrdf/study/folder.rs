@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::failure::{Failure, Outcome};
+use crate::names;
 use crate::output::Target;
 use crate::picture::Picture;
 
@@ -26,6 +27,13 @@ impl Folder {
             return Err(Failure::operation(format!("{}: {what}", path.display())));
         }
         tempfile::tempfile_in(path).map_err(failed)?;
+        // As long a name as a material gets, with what is put before and after it.
+        let longest = path.join("n".repeat(names::LONGEST + 30));
+        if let Err(e) = std::fs::symlink_metadata(&longest)
+            && e.kind() == std::io::ErrorKind::InvalidFilename
+        {
+            return Err(failed(e));
+        }
         Ok(Folder { path: path.to_path_buf(), force })
     }
 

@@ -1,5 +1,6 @@
 //! What a study will do, settled and checked before the work begins.
 
+use std::ffi::OsStr;
 use std::path::PathBuf;
 
 use csbrdf::encode::Preset;
@@ -9,8 +10,9 @@ use csbrdf::render::trace::Quality;
 use super::light;
 use crate::args::{FigureArg, StudyArgs};
 use crate::failure::{Failure, note};
+use crate::input::label;
+use crate::names;
 use crate::quote::shell;
-use crate::text::clean;
 
 /// The presets that are compared, by name.
 pub const PRESETS: &[(&str, Preset)] = &[("paper", Preset::Paper), ("sparse", Preset::Sparse)];
@@ -27,6 +29,7 @@ const ALL_FIGURES: [FigureArg; 5] =
 /// One table of the folder.
 #[derive(Clone, Debug)]
 pub struct Material {
+    /// What the study calls it, no other the same; part of names of files.
     pub name: String,
     pub path: PathBuf,
     /// One of those of the spheres.
@@ -105,6 +108,12 @@ impl Plan {
         let gini = plan.makes(FigureArg::Gini);
         let used = |m: &Material| plan.steps_of(m) > 0 || gini && m.on_sheet;
         plan.materials = plan.materials.iter().filter(|m| used(m)).cloned().collect();
+        for material in plan.materials.iter().filter(|m| m.path.file_stem() != Some(OsStr::new(&m.name))) {
+            let (path, name) = (label(&material.path), &material.name);
+            note(&format!(
+                "{path}: is called {name}: its own name is too long, or has characters that cannot be shown"
+            ));
+        }
         Ok(plan)
     }
 
@@ -145,7 +154,8 @@ impl Plan {
 
     /// Command lines that encode one material as the study does.
     pub fn encode_command(&self, name: &str) -> String {
-        let table = quote(self.folder.join(format!("{name}.binary")));
+        let material = self.materials.iter().find(|m| m.name == name);
+        let table = quote(material.map_or_else(|| self.folder.join(name), |m| m.path.clone()));
         let encode = |(preset, _): &(&str, Preset)| {
             let (ratio, seed) = (percentage(self.focus).replace(' ', ""), self.seed);
             format!("csbrdf encode --preset {preset} --sampling {ratio} --seed {seed} {table} -o {preset}.csbrdf")
@@ -171,7 +181,7 @@ fn tables(args: &StudyArgs) -> Result<Vec<Material>, Failure> {
     for entry in std::fs::read_dir(folder).map_err(|e| Failure::io(folder, &e))? {
         let path = entry.map_err(|e| Failure::io(folder, &e))?.path();
         if path.extension().is_some_and(|e| e == "binary") {
-            let name = path.file_stem().map(|s| clean(&s.to_string_lossy())).unwrap_or_default();
+            let name = path.file_stem().map(names::safe).unwrap_or_default();
             found.push(Material { name, path, chosen: false, on_sheet: false });
         }
     }
@@ -179,6 +189,11 @@ fn tables(args: &StudyArgs) -> Result<Vec<Material>, Failure> {
     if found.is_empty() {
         let what = "no .binary file in it; give a folder of MERL tables (csbrdf synth makes some)";
         return Err(Failure::operation(format!("{}: {what}", folder.display())));
+    }
+    // One that is named as another's hash makes it.
+    if let Some(pair) = found.windows(2).find(|pair| pair[0].name == pair[1].name) {
+        let (one, other, name) = (label(&pair[0].path), label(&pair[1].path), &pair[0].name);
+        return Err(Failure::operation(format!("{one} and {other} would both be called {name}; rename one")));
     }
     Ok(found)
 }
@@ -191,7 +206,8 @@ impl PartialEq for Material {
 
 /// The materials of the spheres.
 fn choose(args: &StudyArgs, found: &[Material]) -> Result<Vec<Material>, Failure> {
-    let by_name = |name: &str| found.iter().find(|m| m.name == name).cloned();
+    let is_named = |m: &Material, name: &str| m.name == name || m.path.file_stem() == Some(OsStr::new(name));
+    let by_name = |name: &str| found.iter().find(|m| is_named(m, name)).cloned();
     if !args.materials.is_empty() {
         let mut chosen = Vec::new();
         for name in &args.materials {
