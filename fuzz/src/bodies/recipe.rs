@@ -277,39 +277,10 @@ fn change_bytes(bytes: &mut Vec<u8>, how: u8, [x, y, z]: [u8; 3]) {
 }
 
 /// Limits of the format and of machines.
+#[rustfmt::skip]
 const WHOLE: [u64; 32] = [
-    0,
-    1,
-    2,
-    3,
-    4,
-    5,
-    6,
-    7,
-    8,
-    9,
-    15,
-    16,
-    17,
-    63,
-    64,
-    65,
-    127,
-    128,
-    255,
-    256,
-    1023,
-    1024,
-    1025,
-    4096,
-    4097,
-    65535,
-    65536,
-    65537,
-    1 << 21,
-    (1 << 24) + 1,
-    1 << 31,
-    u64::MAX,
+    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 15, 16, 17, 63, 64, 65, 127, 128, 255, 256, 1023, 1024, 1025, 4096, 4097, 65535,
+    65536, 65537, 1 << 21, (1 << 24) + 1, 1 << 31, u64::MAX,
 ];
 
 fn change_whole(value: &mut [u8], how: u8, [y, z]: [u8; 2]) {
@@ -329,39 +300,11 @@ fn change_whole(value: &mut [u8], how: u8, [y, z]: [u8; 2]) {
 }
 
 /// Limits of the format and of numbers.
+#[rustfmt::skip]
 const REAL: [f64; 32] = [
-    0.0,
-    -0.0,
-    1.0,
-    -1.0,
-    0.5,
-    2.0,
-    f64::NAN,
-    f64::INFINITY,
-    f64::NEG_INFINITY,
-    f64::MAX,
-    f64::MIN_POSITIVE,
-    5e-324,
-    1e-300,
-    1e-301,
-    1e30,
-    1e31,
-    1e-12,
-    1e6,
-    1e-6,
-    1.001,
-    -1.001,
-    1e-45,
-    3.4e38,
-    1e-3,
-    1e-40,
-    100.0,
-    -1e6,
-    1e300,
-    1.5707963267948966,
-    3.141592653589793,
-    1e-20,
-    89.0,
+    0.0, -0.0, 1.0, -1.0, 0.5, 2.0, f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MAX, f64::MIN_POSITIVE, 5e-324,
+    1e-300, 1e-301, 1e30, 1e31, 1e-12, 1e6, 1e-6, 1.001, -1.001, 1e-45, 3.4e38, 1e-3, 1e-40, 100.0, -1e6, 1e300,
+    std::f64::consts::FRAC_PI_2, std::f64::consts::PI, 1e-20, 89.0,
 ];
 
 fn change_real(value: &mut [u8], how: u8, [y, z]: [u8; 2]) {

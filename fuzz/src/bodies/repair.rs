@@ -158,8 +158,9 @@ fn damage([kind, fill, a, b, c, d]: [u8; 6], sections: &[Range<usize>], bad: &mu
 
 /// Section table and sections.
 fn places(reader: &Reader<&[u8]>) -> Vec<Range<usize>> {
-    let sections: Vec<_> = reader.directory().sections().iter().map(|s| s.range.clone()).collect();
-    [vec![0..sections[0].start], sections].concat()
+    let mut places: Vec<_> = reader.directory().sections().iter().map(|s| s.range.clone()).collect();
+    places.insert(0, 0..places[0].start);
+    places
 }
 
 /// Two stretches of a file, one in the place of the other.
