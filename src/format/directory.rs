@@ -30,7 +30,7 @@ pub(crate) const KNOWN: [&str; 10] =
 const DIRECTORY: &str = "section table";
 
 /// Flag of sections that a reader may skip when it does not know them.
-const SKIPPABLE: u32 = 1;
+pub(crate) const SKIPPABLE: u32 = 1;
 
 /// One section of a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -142,7 +142,7 @@ impl Directory {
     }
 
     /// Every known section at most once; unknown ones only if they may be skipped.
-    fn check_names(&self) -> Result<()> {
+    pub(crate) fn check_names(&self) -> Result<()> {
         for (i, section) in self.sections.iter().enumerate() {
             let at = (PREAMBLE + i * ENTRY) as u64;
             if !KNOWN.iter().any(|name| name.as_bytes() == section.id) {

@@ -162,8 +162,11 @@ fn parse(data: &[u8]) -> Result<Parsed> {
         return Err(Error::UnsupportedVersion { found: version });
     }
     let (count, length) = (usize::from(r.u16()?), r.u64()?);
-    // Reserved, and the checksum.
-    r.bytes(PREAMBLE - 24)?;
+    if r.u32()? != 0 {
+        return Err(broken("the reserved field is not 0"));
+    }
+    // The checksum.
+    r.u32()?;
     if count > MAX_SECTIONS {
         return Err(broken("too many sections"));
     }
@@ -175,14 +178,19 @@ fn parse(data: &[u8]) -> Result<Parsed> {
     for _ in 0..count {
         let id = r.array()?;
         let (flags, bytes, crc) = (r.u32()?, r.u64()?, r.u32()?);
+        if flags & !directory::SKIPPABLE != 0 {
+            return Err(broken("reserved flags are set"));
+        }
         let stop = usize::try_from(bytes).ok().and_then(|n| start.checked_add(n)).filter(|&stop| stop as u64 <= length);
         let stop = stop.ok_or_else(|| broken("a section is longer than any file"))?;
-        sections.push(Section { id, skippable: flags & 1 != 0, range: start..stop, crc });
+        sections.push(Section { id, skippable: flags & directory::SKIPPABLE != 0, range: start..stop, crc });
         start = stop;
     }
     if start.checked_add(END_MARKER.len()).map(|n| n as u64) != Some(length) {
         return Err(broken("the sections do not add up to the file"));
     }
+    // What a reader refuses of an intact file: a repaired one would have it still.
+    Directory::of(version, sections.clone()).check_names()?;
     Ok((version, length as usize, sections))
 }
 
