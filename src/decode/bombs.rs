@@ -242,7 +242,7 @@ fn threads_wait_for_memory() {
     let whole = Reader::open(&file[..]).unwrap().decode_all().unwrap();
     let limits = |bytes| Limits { bytes, ..Limits::default() };
     let reader = Reader::open_with_limits(&file[..], limits(4 << 20)).unwrap();
-    assert_eq!(reader.most_scratches(), 1);
+    assert!((1..8).contains(&reader.most_scratches()));
     let pool = rayon::ThreadPoolBuilder::new().num_threads(8).build().unwrap();
     pool.install(|| {
         assert_eq!(reader.decode_all().unwrap(), whole);

@@ -1,5 +1,7 @@
 //! Builders of small files that claim much.
 
+use std::f64::consts::{FRAC_PI_2, PI};
+
 use crate::block::{Block, Partition};
 use crate::channel::ChannelTransform;
 use crate::correct;
@@ -63,8 +65,8 @@ fn even_odds() -> Vec<u16> {
 
 impl Bomb {
     pub(super) fn grid(&self) -> Grid {
-        let axis = |name, len| Axis { name, len, mapping: Mapping::Linear, start: 0.0, end: 1.5 };
-        let names = [AxisName::ThetaH, AxisName::ThetaD, AxisName::PhiD];
+        let axis = |(name, end), len| Axis { name, len, mapping: Mapping::Linear, start: 0.0, end };
+        let names = [(AxisName::ThetaH, FRAC_PI_2), (AxisName::ThetaD, FRAC_PI_2), (AxisName::PhiD, PI)];
         let axes = names.into_iter().zip(self.lens).map(|(name, len)| axis(name, len)).collect();
         let channel = |_| Channel { name: String::new(), wavelength: None, scale: 1.0 };
         Grid::new(axes, (0..self.channels).map(channel).collect()).unwrap()
