@@ -140,7 +140,6 @@ impl<D: AsRef<[u8]>> Reader<D> {
             true => Index::read(index, partition, channels, records)?,
             false => Index::read_plain(index, partition.block_count(), channels, records)?,
         };
-        drop(budget);
         Ok(Reader { data, limits, directory, header, index, pruned: Pruned::default(), budget: None })
     }
 

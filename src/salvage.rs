@@ -110,12 +110,12 @@ impl Damage {
 
     /// Adds a block that is lost to a list, to the last of it where it is the next one, lost alike.
     fn of_block(list: &mut Vec<Damage>, section: &'static str, block: usize, bytes: Range<usize>, what: &'static str) {
-        if let Some(Damage { section: same, blocks: Some(blocks), bytes: range, what: alike, .. }) = list.last_mut() {
-            if *same == section && blocks.end == block && *alike == what {
-                blocks.end = block + 1;
-                range.end = bytes.end;
-                return;
-            }
+        let last = list.last_mut().filter(|last| last.section == section && last.what == what);
+        if let Some(Damage { blocks: Some(blocks), bytes: range, .. }) = last
+            && blocks.end == block
+        {
+            (blocks.end, range.end) = (block + 1, bytes.end);
+            return;
         }
         let (blocks, outcome) = (Some(block..block + 1), Outcome::Lost);
         list.push(Damage { section: section.into(), blocks, bytes, what: what.into(), outcome });

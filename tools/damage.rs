@@ -93,7 +93,6 @@ const TAIL: usize = 16;
 /// An intact file and what it decodes to.
 struct Good {
     bytes: Vec<u8>,
-    reader: Reader<Vec<u8>>,
     blocks: Vec<(Vec<f32>, Vec<bool>)>,
     /// Name and bytes.
     places: Vec<(String, Range<usize>)>,
@@ -109,7 +108,7 @@ impl Good {
         places.push(("table".into(), 0..sections[0].range.start));
         let index = places.iter().find(|(name, _)| name == "INDX").map(|(_, range)| range.clone()).unwrap_or(0..0);
         places.push(("INDX, end".into(), index.end.saturating_sub(TAIL).max(index.start)..index.end));
-        Ok(Good { bytes, reader, blocks, places })
+        Ok(Good { bytes, blocks, places })
     }
 
     /// The damaged file, and where the damage is.

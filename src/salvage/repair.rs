@@ -53,10 +53,13 @@ pub fn repair_with(data: &[u8], options: &Options) -> Result<Repaired> {
     Ok(Repaired { bytes, salvaged })
 }
 
+/// Name, whether it may be skipped, bytes.
+type Section = (Vec<u8>, bool, Vec<u8>);
+
 /// The sections of the repaired file: those that are left, in their order.
-fn sections(data: &[u8], salvaged: &Salvaged) -> Result<Vec<(Vec<u8>, bool, Vec<u8>)>> {
+fn sections(data: &[u8], salvaged: &Salvaged) -> Result<Vec<Section>> {
     let (reader, whole) = (salvaged.reader(), salvaged.is_whole());
-    let mut sections: Vec<(Vec<u8>, bool, Vec<u8>)> = Vec::new();
+    let mut sections: Vec<Section> = Vec::new();
     for section in salvaged.was.sections() {
         let name = section.name();
         let bytes = match &name[..] {

@@ -146,7 +146,7 @@ mod tests {
         assert!([0.0, 1.0, 1e-3, 450.0, 385.65, 1e30].into_iter().all(is_short));
         assert!([PI, 1.0 / 3.0, f64::from_bits(0x3F50_624D_D2F1_A9FD), 385.650_000_1].iter().all(|x| !is_short(*x)));
         assert!([0.065f32, 0.1, 2.5e-4].into_iter().all(is_short_f32) && !is_short_f32(0.065_123_4));
-        assert!([0.0, PI, 30f64.to_radians()].into_iter().all(is_usual_angle) && !is_usual_angle(1.570_796_3));
+        assert!([0.0, PI, 30f64.to_radians()].into_iter().all(is_usual_angle) && !is_usual_angle(1.234_567_8));
         assert!(MERL_SCALE.into_iter().chain([1.0, 1.0 / 255.0]).all(is_usual_scale) && !is_usual_scale(0.123_456_789));
     }
 
