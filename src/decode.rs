@@ -285,18 +285,22 @@ impl<D: AsRef<[u8]>> Reader<D> {
     }
 
     /// What a file holds of a block.
-    pub fn state(&self, block: usize) -> State {
+    ///
+    /// # Errors
+    /// `InvalidArgument` if there is no such block.
+    pub fn state(&self, block: usize) -> Result<State> {
+        self.place(block)?;
         let is_mean = self.record(block).is_ok_and(|record| record.class == ValidityClass::Pruned);
-        match self.index.error_codes(block) {
+        Ok(match self.index.error_codes(block) {
             _ if !is_mean => State::Whole,
             LOST => State::Lost,
             _ => State::Pruned,
-        }
+        })
     }
 
     /// Numbers of the blocks that damage took before the file was repaired: it holds their means, or less.
     pub fn lost_blocks(&self) -> impl Iterator<Item = usize> {
-        (0..self.block_count()).filter(|&block| self.state(block) == State::Lost)
+        (0..self.block_count()).filter(|&block| self.state(block).is_ok_and(|state| state == State::Lost))
     }
 
     /// Bytes of a block's record.

@@ -91,7 +91,7 @@ fn blocks_are_bounded_by_bytes() {
     assert!(matches!(Reader::open(&file[..]), Err(Error::Corrupt { section: "INDX", .. })));
     assert!(salvage_with_limits(&file, Limits::default()).is_err());
     // A cut file that says it had records for all of them.
-    let mut cut = write_file((1, 0, 4), &[&sections[..5], &[(directory::RECORDS, false, vec![0; 1 << 22])]].concat());
+    let mut cut = write_file((1, 0, 4), &[&sections[..5], &[(directory::RECORDS, false, vec![0; 5 << 22])]].concat());
     cut.truncate(1000);
     assert!(is_limit(salvage_with_limits(&cut, Limits::default())));
     assert!(start.elapsed().as_secs() < 5);

@@ -171,6 +171,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
     /// As [`Reader::block_into`].
     pub fn block_info(&self, block: usize) -> Result<BlockInfo> {
         let budget = &self.call();
+        let state = self.state(block)?;
         let Record { class, doublings, .. } = self.record(block)?;
         let (place, masks) = self.masks(block, budget)?;
         let _held = budget.holding(masks.len() as u64)?;
@@ -189,7 +190,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
             block: place,
             record: self.index.record(block),
             class,
-            state: self.state(block),
+            state,
             valid: valid.repeat(copies),
             sampled: sampled.repeat(copies),
             seed: self.block_seed(block),

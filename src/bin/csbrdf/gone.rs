@@ -28,9 +28,9 @@ impl Gone {
         let mut gone = Gone { blocks: reader.block_count(), exact, ..Gone::default() };
         for block in 0..gone.blocks {
             match (reader.state(block), gone.lost.last_mut()) {
-                (State::Lost, Some((_, last))) if *last + 1 == block => *last = block,
-                (State::Lost, _) => gone.lost.push((block, block)),
-                (State::Pruned, _) => gone.pruned += 1,
+                (Ok(State::Lost), Some((_, last))) if *last + 1 == block => *last = block,
+                (Ok(State::Lost), _) => gone.lost.push((block, block)),
+                (Ok(State::Pruned), _) => gone.pruned += 1,
                 _ => {}
             }
         }
