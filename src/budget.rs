@@ -91,7 +91,11 @@ impl Budget<'_> {
         if got <= self.most_operations {
             return Ok(());
         }
-        Err(Error::LimitExceeded { what: "operations of a call on this file", got, limit: self.most_operations })
+        Err(Error::LimitExceeded {
+            what: "work of a call on this file, in operations,",
+            got,
+            limit: self.most_operations,
+        })
     }
 
     /// Half of the operations that are left, for work that may end early: what it took is to be spent of this budget.
@@ -124,7 +128,7 @@ impl Budget<'_> {
             return Ok(());
         }
         self.release(bytes);
-        Err(Error::LimitExceeded { what: "bytes of memory of a call on this file", got, limit: self.most_bytes })
+        Err(Error::LimitExceeded { what: "memory of a call on this file, in bytes,", got, limit: self.most_bytes })
     }
 
     /// As [`Budget::hold`], for as long as what it gives lives.

@@ -140,7 +140,8 @@ impl Gathering<'_> {
         let records = self.head.section(directory::RECORDS).map_or(0, |section| section.range.len());
         if blocks > records / MIN_RECORD || self.compact() && blocks.saturating_mul(components) > MAX_MEANS {
             let what = format!("{blocks} blocks of {components} components, with records of {records} bytes");
-            return Err(Error::corrupt("INDX", 0, what));
+            let at = self.head.section(directory::INDEX).map_or(0, |section| section.range.start);
+            return Err(Error::corrupt("INDX", at as u64, what));
         }
         let (got, limit) = (blocks as u64, (self.data.len() / MIN_RECORD + FEW_BLOCKS) as u64);
         if got > limit {
