@@ -25,8 +25,9 @@ const SPARSE_SHARE: usize = 4;
 
 /// Values of a block whose rebuilding takes about as long as one look-up from its coefficients: 6 ns a value, 10 us.
 const VALUES_A_LOOKUP: usize = 2048;
-/// Operations of such a look-up. A dearer one counts as several: look-ups in a block never take much longer than rebuilding it.
-const LOOKUP: u64 = 12_288;
+/// Operations of such a look-up as `cost` counts them, three for a nanosecond here. A dearer one counts as several: look-ups in a block
+/// never take much longer than rebuilding it.
+const LOOKUP: u64 = 36_864;
 
 /// Operations of decoding that each look-up brings with it, if it needs them. So renderers may go on for ever with a cache that is too
 /// small for an ordinary file, and no file takes longer than this for a look-up in the long run.
@@ -363,7 +364,7 @@ impl<D: AsRef<[u8]>> Brdf<D> {
         if let Some(sparse) = self.sparse(block, means)? {
             let most = shape.iter().product::<usize>() * value.len() / VALUES_A_LOOKUP;
             let work = taps.len() as u64 * sparse.work;
-            let uses = (1 + work / LOOKUP).min(1 << 30) as u32;
+            let uses = (work / LOOKUP).clamp(1, 1 << 30) as u32;
             let before = sparse.uses.fetch_add(uses, Ordering::Relaxed);
             if before as usize + uses as usize <= most {
                 means.spend(work)?;
