@@ -16,8 +16,10 @@ use crate::sample::Sampling;
 /// Digits of a decimal number that people write down, in binary64 and in binary32.
 const DIGITS: usize = 6;
 const DIGITS_F32: usize = 4;
-/// Largest seed that is usual.
-const SEED: u64 = 1 << 16;
+/// Magnitudes of such numbers. Zero with some bits set is a number of few digits as well, but too small for anybody to write.
+const MAGNITUDES: std::ops::RangeInclusive<f64> = 1e-12..=1e12;
+/// Largest divisor of a usual scale.
+const DIVISOR: f64 = 1e6;
 /// Most bins whose elevations the horizon is compared with.
 const MOST_BINS: usize = 1 << 24;
 
@@ -51,11 +53,11 @@ impl Unvouched {
 
 /// A decimal number of few digits.
 fn is_short(x: f64) -> bool {
-    digits(&format!("{x:e}")) <= DIGITS
+    x.to_bits() == 0 || MAGNITUDES.contains(&x.abs()) && digits(&format!("{x:e}")) <= DIGITS
 }
 
 fn is_short_f32(x: f32) -> bool {
-    digits(&format!("{x:e}")) <= DIGITS_F32
+    x.to_bits() == 0 || MAGNITUDES.contains(&f64::from(x.abs())) && digits(&format!("{x:e}")) <= DIGITS_F32
 }
 
 /// Digits of a number in scientific notation.
@@ -65,11 +67,13 @@ fn digits(text: &str) -> usize {
 
 /// An angle in radians of few digits, in radians or in degrees, or a usual part of a turn.
 fn is_usual_angle(x: f64) -> bool {
-    [0.0, FRAC_PI_2, PI, TAU].contains(&x) || is_short(x) || (x.to_degrees().round().to_radians() == x)
+    let degrees = x.to_degrees().round();
+    [FRAC_PI_2, PI, TAU].contains(&x) || is_short(x) || degrees != 0.0 && degrees.to_radians() == x
 }
 
 fn is_usual_scale(x: f64) -> bool {
-    is_short(x) || MERL_SCALE.contains(&x) || x == 1.0 / (1.0 / x).round()
+    let divisor = (1.0 / x).round();
+    is_short(x) || MERL_SCALE.contains(&x) || divisor <= DIVISOR && x == 1.0 / divisor
 }
 
 /// A colour, or the channel's wavelength.
@@ -107,7 +111,7 @@ pub(super) fn of_coding(coding: &Coding, grid: &Grid) -> u32 {
     at = unvouched.field(at, 2, true);
     at = unvouched.field(at, 8, is_short(coding.eps));
     at = unvouched.field(at, 8, coding.horizon.is_none_or(|threshold| is_elevation(threshold, grid)));
-    at = unvouched.field(at, 8, coding.seed < SEED);
+    at = unvouched.field(at, 8, coding.seed == 0);
     at = unvouched.field(at, 4, is_usual_ratio(coding.sampling));
     let steps = &coding.steps;
     let same = steps.len() > 1 && steps.iter().all(|step| *step == steps[0]);
@@ -121,7 +125,7 @@ pub(super) fn of_coding(coding: &Coding, grid: &Grid) -> u32 {
 
 /// What the encoder chooses a horizon from: the elevation of a bin's centre, or a multiple of 2^-13.
 fn is_elevation(threshold: f64, grid: &Grid) -> bool {
-    if (threshold * 8192.0).fract() == 0.0 {
+    if threshold != 0.0 && (threshold * 8192.0).fract() == 0.0 {
         return true;
     }
     let Some(horizon) = Horizon::new(grid).filter(|_| grid.positions() <= MOST_BINS) else { return false };
@@ -143,8 +147,12 @@ mod tests {
 
     #[test]
     fn short_numbers_are_those_that_people_write() {
-        assert!([0.0, 1.0, 1e-3, 450.0, 385.65, 1e30].into_iter().all(is_short));
+        assert!([0.0, 1.0, 1e-3, 450.0, 385.65, 1e12].into_iter().all(is_short));
         assert!([PI, 1.0 / 3.0, f64::from_bits(0x3F50_624D_D2F1_A9FD), 385.650_000_1].iter().all(|x| !is_short(*x)));
+        // What damage leaves of a zero.
+        assert!([-0.0, 5e-324, 1e-322, f64::from_bits(0x4200), 1e-300].iter().all(|x| !is_short(*x)));
+        assert!(!is_usual_angle(-0.0) && !is_usual_angle(5e-324) && !is_usual_scale(1e-20) && is_usual_angle(0.0));
+        assert!(!is_short_f32(-0.0) && !is_short_f32(1e-45));
         assert!([0.065f32, 0.1, 2.5e-4].into_iter().all(is_short_f32) && !is_short_f32(0.065_123_4));
         assert!([0.0, PI, 30f64.to_radians()].into_iter().all(is_usual_angle) && !is_usual_angle(1.234_567_8));
         assert!(MERL_SCALE.into_iter().chain([1.0, 1.0 / 255.0]).all(is_usual_scale) && !is_usual_scale(0.123_456_789));
