@@ -113,6 +113,11 @@ impl<'a> Decoder<'a> {
         Decoder { states: self.states.clone(), data, at: self.at, range: self.range, code: self.code }
     }
 
+    /// Whether the range is a power of two: all decisions so far were even.
+    pub(crate) fn is_plain(&self) -> bool {
+        self.range.is_power_of_two()
+    }
+
     /// Bits that the decisions so far took in the stream, and a constant.
     pub(crate) fn information(&self) -> f64 {
         8.0 * self.at as f64 - f64::from(self.range).log2()

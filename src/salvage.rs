@@ -8,9 +8,7 @@
 //! - Section table, GRID, CODE, PART, PROB, GRAZ, INDX: nothing, if the file has a spare copy of them (section SPAR, `csbrdf encode
 //!   --spare`). Otherwise the file, but for
 //! - one bit, where more than the checksum proves which one it was: mostly in the section table, GRID, CODE, PART and PROB, never in GRAZ;
-//! - INDX: nothing if at most four neighbouring bytes are wrong and the records behind them prove it; otherwise the last blocks, from
-//!   some before the damage on. Which entries are right is proven by the checksums of the records. (Values are wrong without their
-//!   block's mean, so records alone do not help.)
+//! - INDX: nothing if at most four neighbouring bytes are wrong and the records behind them prove it; otherwise all values.
 //! - GRAZ is needed for every value: the profile's extent over the table is in it.
 //!
 //! "Restored" means proven to [`WANTED`] bits; a caller may take less ([`Options::evidence`]) and is told so.

@@ -57,7 +57,7 @@ fn check(good: &[u8], salvaged: &Salvaged) {
         if salvaged.lost().contains(&number) {
             assert!(!valid.contains(&true));
         } else {
-            assert!((values, valid) == block(&good, number), "block {number}");
+            assert!((values, valid) == block(&good, number), "block {number}, {:?}", salvaged.damage());
         }
     }
 }
@@ -136,7 +136,7 @@ fn one_flipped_bit_is_restored_or_named() {
         }
     }
     let share = |name: &str| tried[name][1] as f64 / tried[name][0] as f64;
-    for (name, least) in [("frame", 1.0), ("GRID", 1.0), ("CODE", 1.0), ("PART", 1.0), ("PROB", 1.0), ("INDX", 0.7)] {
+    for (name, least) in [("frame", 1.0), ("GRID", 1.0), ("CODE", 1.0), ("PART", 1.0), ("PROB", 1.0), ("INDX", 0.5)] {
         assert!(share(name) >= least, "{name}: {:?}", tried[name]);
     }
     // Nothing else vouches for a text or a profile.
@@ -211,7 +211,8 @@ fn an_index_is_as_good_as_the_records_prove() {
         assert_eq!(lost, (blocks - lost.len()..blocks).collect::<Vec<_>>());
         left.push(blocks - lost.len());
     }
-    assert!(left[0] < left[1] && left[1] < left[2], "{left:?}");
+    // Without a proven change no mean is proven: damage at the start of the stream would show in no length.
+    assert_eq!(left, [0; 3]);
 }
 
 #[test]

@@ -325,6 +325,27 @@ impl<'a> EntryReader<'a> {
         sound.then_some(&self.entry)
     }
 
+    /// Where in the section the coder leaves its plain start: while every context is new all decisions are even, the range is a power of
+    /// two, and what is coded stands there bit by bit. Bits of a mean can change there without a trace in what is behind.
+    pub(crate) fn plain_end(&self, sizes: &[u32]) -> usize {
+        let mut reader = self.over_own();
+        for &size in sizes {
+            if reader.next(size as usize).is_none() || !reader.decoder.is_plain() {
+                break;
+            }
+        }
+        reader.position()
+    }
+
+    fn over_own(&self) -> EntryReader<'a> {
+        EntryReader {
+            decoder: self.decoder.clone(),
+            chain: self.chain.clone(),
+            entry: self.entry.clone(),
+            length_bits: self.length_bits,
+        }
+    }
+
     /// Bits that the length of the last entry took, rounded down: a stream that is arbitrary has it with a probability of 2^-bits.
     pub(crate) fn length_bits(&self) -> u32 {
         self.length_bits

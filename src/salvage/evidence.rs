@@ -11,7 +11,7 @@
 //!   byte from the first to the last that changes), n the bytes of the section, 2 for the kinds of changes that are tried, and b the bits
 //!   that the records prove behind it: [`lengths`](super::index). With c = 32 the sum counts for nothing and b for all. Once the change
 //!   is proven, the sum counts again for all that was not changed, to the last mean: other damage would have led to another change.
-//! - **INDX without a change**: an entry is certain if the records behind it prove 32 bits of lengths. The last few never are.
+//! - **INDX without a change**: nothing: damage in the plain start of its coder shows in no length behind it.
 //! - **One bit of another section**: the bits of it that nothing else vouches for, u of them, are where a wrong mend can hide: what it
 //!   leaves wrong has a sum of zero, so it does not fit into 32 neighbouring bits ([`of_one_bit`] gives 32 then), and of others one in 2^32 / u
 //!   is taken for one bit. What vouches for a field: that its value is the usual one of few ([`usual`](super::usual)), that records decode with

@@ -108,17 +108,16 @@ impl<'a> Records<'a> {
     /// # Errors
     /// `LimitExceeded` if not even what is there can be read within the budget.
     pub(super) fn certain(&self, section: &[u8], difference: u32, wanted: u32, budget: &Budget) -> Result<Certain> {
-        let before = self.unchanged(section, wanted, budget)?;
         // Of the work that is left, half may go into the search.
         let search = budget.half();
         let (change, cut_short) = match self.change(section, difference, wanted, &search) {
             Ok(change) => (change, false),
-            // What is certain without a change stays so.
             Err(_) => (None, true),
         };
         budget.spend(search.spent())?;
         let Some((patch, evidence)) = change else {
-            return Ok(Certain { entries: before, change: None, cut_short });
+            // Without it nothing is: damage at the start of the coder, where bits stand as they are, shows in no length.
+            return Ok(Certain { entries: Vec::new(), change: None, cut_short });
         };
         let mut bytes = section.to_vec();
         patch.apply(&mut bytes);
@@ -135,22 +134,6 @@ impl<'a> Records<'a> {
         Ok(entries)
     }
 
-    /// The entries that lengths behind them prove, without any change.
-    fn unchanged(&self, section: &[u8], wanted: u32, budget: &Budget) -> Result<Vec<Entry>> {
-        let Some(mut place) = self.start(section) else { return Ok(Vec::new()) };
-        // Bits that matching lengths prove, up to each block.
-        let mut up_to = with_room(self.sizes.len())?;
-        let mut sum = 0u64;
-        while place.block < self.sizes.len() {
-            let Some(read) = self.step(&mut place, budget)? else { break };
-            sum += u64::from(read.bits());
-            up_to.push(sum);
-        }
-        // An entry is certain if those after it prove enough.
-        let certain = up_to.partition_point(|&bits| sum - bits >= u64::from(wanted));
-        self.entries(section, certain, budget)
-    }
-
     /// The one change of four neighbouring bytes at most that the records prove, and the evidence for it.
     ///
     /// # Errors
@@ -158,6 +141,7 @@ impl<'a> Records<'a> {
     fn change(&self, section: &[u8], difference: u32, wanted: u32, budget: &Budget) -> Result<Option<(Patch, u32)>> {
         let Some(mut base) = self.start(section) else { return Ok(None) };
         let mut next = self.after(&base, section, budget)?;
+        let plain = base.reader.plain_end(&self.sizes);
         let mut changes: Vec<Patch> = with_room(section.len())?;
         changes.extend(patches(section.len(), difference));
         let mut bytes = section.to_vec();
@@ -165,6 +149,10 @@ impl<'a> Records<'a> {
         for &patch in changes.iter().rev() {
             // Where fewer than four bytes change, several places have the same change.
             if patch.change[0] == 0 && patch.at + 4 < section.len() {
+                continue;
+            }
+            // There bits stand as they are, and no length behind them depends on them.
+            if patch.at + 4 > COUNT && patch.at < plain {
                 continue;
             }
             // Up to the last entry that does not look at what changes, everything stays as it is.
