@@ -182,8 +182,8 @@ fn a_spare_copy_makes_up_for_any_damage_before_the_records() {
     assert!(damage.len() == 1 && damage[0].to_string().contains("SPAR"), "{damage:?}");
 }
 
-/// Without a copy: three bytes of the index cost nothing where enough records behind them prove it, at its end the last blocks; more of it
-/// all blocks from some before the damage on. The table has 16 blocks: of a measured one a few of a hundred are lost.
+/// Without a copy: three bytes of the index cost nothing where enough records behind them prove it, otherwise all blocks; so does more of it:
+/// all of them.
 #[test]
 fn an_index_is_as_good_as_the_records_prove() {
     let good = plain();
