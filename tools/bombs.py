@@ -1,4 +1,4 @@
-"""What files that claim much cost each command: seconds of processors and peak MB.
+"""What files that claim much, and damaged ones of them, cost each command: seconds of processors and peak MB.
 
     BOMBS=/tmp/bombs cargo test --release --lib -- --ignored write_bombs
     python3 tools/bombs.py target/release/csbrdf /tmp/bombs/*.csbrdf
@@ -8,6 +8,8 @@ A row a file, then the worst of each command, and per byte of the file. What tak
 
 import os
 import resource
+import shutil
+import struct
 import subprocess
 import sys
 import tempfile
@@ -46,8 +48,26 @@ def measure(command):
     return usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1000, code
 
 
+def damage(file, to):
+    """The file with the third byte from the end of its index changed: what takes most to mend."""
+    shutil.copyfile(file, to)
+    with open(to, "r+b") as damaged:
+        head = damaged.read(32 + 20 * 64)
+        at = 32 + 20 * struct.unpack_from("<H", head, 14)[0]
+        for entry in range(32, at, 20):
+            name, _, length, _ = struct.unpack_from("<4sIQI", head, entry)
+            if name == b"INDX" and length > 2:
+                damaged.seek(at + length - 3)
+                byte = damaged.read(1)
+                damaged.seek(at + length - 3)
+                damaged.write(bytes([byte[0] ^ 0x5A]))
+                return
+            at += length
+
+
 def commands(tool, file, folder):
-    out = os.path.join(folder, "out")
+    out, damaged = os.path.join(folder, "out"), os.path.join(folder, "damaged.csbrdf")
+    damage(file, damaged)
     return {
         "info": [tool, "info", file],
         "info --blocks": [tool, "info", "--blocks", file],
@@ -60,6 +80,8 @@ def commands(tool, file, folder):
         "verify": [tool, "verify", file],
         "decode": [tool, "decode", file, "--coarse", "-f", "-o", out + ".npy", "--fill"],
         "compare": [tool, "compare", file, file],
+        "repair": [tool, "repair", damaged, "-f", "-o", out + ".csbrdf"],
+        "salvage": [tool, "decode", damaged, "--salvage", "-f", "-o", out + ".npy"],
     }
 
 

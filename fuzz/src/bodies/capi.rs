@@ -31,6 +31,9 @@ pub fn run(data: &[u8]) {
         max_block_values: 1 << 14,
         lookup: if byte(2) >= 250 { byte(2).into() } else { u32::from(byte(2) & 1) },
         pruned: if byte(3) >= 250 { byte(3).into() } else { u32::from(byte(3) & 1) },
+        max_table_values: 0,
+        max_operations: 0,
+        max_bytes: 0,
     };
     // What a later version's caller would give: fields behind those that are known.
     #[repr(C)]

@@ -192,6 +192,22 @@ typedef struct {
      * CSBRDF_PRUNED_REFUSE or CSBRDF_PRUNED_COARSE.
      */
     uint32_t pruned;
+    /**
+     * Most values (positions times channels) of a table that is decoded as a whole: a larger one is CSBRDF_LIMIT_EXCEEDED.
+     * Default 2^28; the defaults of the next two grow with it.
+     */
+    size_t max_table_values;
+    /**
+     * Most operations, about a nanosecond of one processor each, that one call may take but for whole tables, and that
+     * csbrdf_eval() may take over the life of a handle, besides 4096 for each byte of the file: beyond it the call is
+     * CSBRDF_LIMIT_EXCEEDED. Default 10^9.
+     */
+    uint64_t max_operations;
+    /**
+     * Most bytes of memory that one call may take beside the caller's buffers and the cache, besides 16 for each byte of
+     * the file: beyond it the call is CSBRDF_LIMIT_EXCEEDED. Default 2^28.
+     */
+    uint64_t max_bytes;
 } csbrdf_options;
 
 /**

@@ -86,7 +86,20 @@ pub struct csbrdf_options {
     pub lookup: u32,
     /// CSBRDF_PRUNED_REFUSE or CSBRDF_PRUNED_COARSE.
     pub pruned: u32,
+    /// Most values (positions times channels) of a table that is decoded as a whole: a larger one is CSBRDF_LIMIT_EXCEEDED.
+    /// Default 2^28; the defaults of the next two grow with it.
+    pub max_table_values: usize,
+    /// Most operations, about a nanosecond of one processor each, that one call may take but for whole tables, and that
+    /// csbrdf_eval() may take over the life of a handle, besides 4096 for each byte of the file: beyond it the call is
+    /// CSBRDF_LIMIT_EXCEEDED. Default 10^9.
+    pub max_operations: u64,
+    /// Most bytes of memory that one call may take beside the caller's buffers and the cache, besides 16 for each byte of
+    /// the file: beyond it the call is CSBRDF_LIMIT_EXCEEDED. Default 2^28.
+    pub max_bytes: u64,
 }
+
+/// What csbrdf_options had in its first version: programs that were compiled with it know no more.
+const LEAST_OPTIONS: usize = std::mem::offset_of!(csbrdf_options, max_table_values);
 
 /// The largest csbrdf_options that a later version may have: no more is read on a wrong size field.
 const MAX_OPTIONS: usize = 4096;
@@ -118,7 +131,16 @@ const _: fn() = || {
 
 impl csbrdf_brdf {
     fn open(bytes: Bytes, options: &csbrdf_options) -> codec::Result<csbrdf_brdf> {
-        let mut limits = Limits::default();
+        let mut limits = match options.max_table_values {
+            0 => Limits::default(),
+            values => Limits::of_table(values),
+        };
+        if options.max_operations != 0 {
+            limits.operations = options.max_operations;
+        }
+        if options.max_bytes != 0 {
+            limits.bytes = options.max_bytes;
+        }
         if options.max_block_values != 0 {
             limits.block_values = options.max_block_values;
         }
@@ -168,27 +190,40 @@ impl csbrdf_brdf {
 /// Unless it is NULL, `options` points to as many bytes as its `size` says, which are not written to meanwhile.
 unsafe fn read_options(options: *const csbrdf_options) -> Outcome<csbrdf_options> {
     let known = size_of::<csbrdf_options>();
+    let mut read = csbrdf_options {
+        size: known,
+        cache_bytes: 0,
+        max_block_values: 0,
+        lookup: 0,
+        pruned: 0,
+        max_table_values: 0,
+        max_operations: 0,
+        max_bytes: 0,
+    };
     if options.is_null() {
-        return Ok(csbrdf_options { size: known, cache_bytes: 0, max_block_values: 0, lookup: 0, pruned: 0 });
+        return Ok(read);
     }
     // SAFETY: `size` comes first: it is there in every version.
     let size = *unsafe { shared(options.cast::<usize>(), "options") }?;
-    if !(known..=MAX_OPTIONS).contains(&size) {
+    if !(LEAST_OPTIONS..=MAX_OPTIONS).contains(&size) {
         return Err(invalid(format!("options.size is {size}; set it to sizeof(csbrdf_options), here {known}")));
     }
-    // SAFETY: `size` is enough for the fields that are known here, and for the bytes behind them.
-    let (options, unknown) =
-        unsafe { (*shared(options, "options")?, array(options.cast::<u8>().add(known), size - known, "options")?) };
+    let told = size.min(known);
+    // SAFETY: `size` bytes are there: those of the fields that both sides know, which any bits are values of, and those behind.
+    let unknown = unsafe {
+        ptr::copy_nonoverlapping(options.cast::<u8>(), (&raw mut read).cast::<u8>(), told);
+        array(options.cast::<u8>().add(told), size - told, "options")?
+    };
     if unknown.iter().any(|byte| *byte != 0) {
         return Err(invalid("options has a field set that this version of the library does not know"));
     }
-    if options.lookup > CSBRDF_LOOKUP_NEAREST {
-        return Err(invalid(format!("options.lookup is {}, which is no lookup", options.lookup)));
+    if read.lookup > CSBRDF_LOOKUP_NEAREST {
+        return Err(invalid(format!("options.lookup is {}, which is no lookup", read.lookup)));
     }
-    if options.pruned > CSBRDF_PRUNED_COARSE {
-        return Err(invalid(format!("options.pruned is {}, which is no answer for pruned blocks", options.pruned)));
+    if read.pruned > CSBRDF_PRUNED_COARSE {
+        return Err(invalid(format!("options.pruned is {}, which is no answer for pruned blocks", read.pruned)));
     }
-    Ok(options)
+    Ok(read)
 }
 
 /// What all functions that open have in common: `*out` is the handle, or NULL.

@@ -259,10 +259,29 @@ static void check_options(const char *path, const unsigned char *bytes, size_t s
     } longer;
     csbrdf_options options = options_of_size(sizeof options);
     csbrdf_brdf *brdf;
+    size_t values;
+    float *all;
     options.max_block_values = 1;
     FAILS(LIMIT_EXCEEDED, csbrdf_open_path_with(path, &options, &brdf));
     CHECK(brdf == NULL && says("above the limit of 1"));
     FAILS(LIMIT_EXCEEDED, csbrdf_open_memory_with(bytes, size, &options, &brdf));
+    options = options_of_size(sizeof options);
+    options.max_operations = 1; /* and 4096 a byte */
+    options.max_bytes = 1;      /* and 16 a byte */
+    options.max_table_values = 1;
+    CHECK(csbrdf_open_path_with(path, &options, &brdf) == CSBRDF_OK);
+    CHECK(csbrdf_table_size(brdf, &values) == CSBRDF_OK);
+    all = malloc(values * sizeof *all);
+    CHECK(all != NULL);
+    FAILS(LIMIT_EXCEEDED, csbrdf_decode_all(brdf, all, values));
+    CHECK(says("above the limit of 1"));
+    csbrdf_close(brdf);
+    /* A program that was compiled before there were these fields: what is behind its own is not read. */
+    options.size = offsetof(csbrdf_options, max_table_values);
+    CHECK(csbrdf_open_path_with(path, &options, &brdf) == CSBRDF_OK);
+    CHECK(csbrdf_decode_all(brdf, all, values) == CSBRDF_OK);
+    csbrdf_close(brdf);
+    free(all);
     options = options_of_size(0);
     FAILS(INVALID_ARGUMENT, csbrdf_open_path_with(path, &options, &brdf));
     CHECK(brdf == NULL && says("options.size is 0"));

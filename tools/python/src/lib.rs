@@ -59,6 +59,8 @@ enum Contents {
 /// Parameters: data: bytes of the file. cache_bytes: most bytes of decoded blocks that are kept for eval() (one block is
 /// kept whatever it takes). lookup: "linear" between bin centres on every axis, or "nearest" for the bin that the
 /// directions fall into. pruned: "refuse" makes blocks that were pruned from the file an error, "coarse" gives their mean.
+/// limit: most values (positions times channels) of a table that is decoded as a whole, 2**28 if None; with larger ones a call may also
+/// take more time and memory.
 ///
 /// Raises csbrdf.Error if the bytes cannot be read, ValueError for another lookup or answer to pruned blocks.
 #[pyclass(name = "Brdf", module = "csbrdf", frozen)]
@@ -80,28 +82,39 @@ fn read_pruned(pruned: &str) -> PyResult<Pruned> {
     }
 }
 
+fn read_limit(limit: Option<usize>) -> Limits {
+    limit.map_or_else(Limits::default, Limits::of_table)
+}
+
 /// Opens a .csbrdf file: maps it, reads and checks its header and index.
 ///
 /// The file may be replaced by renaming another over it, but must not be written to or truncated while it is open: that
 /// would end the process. Where it can happen, read the file and use csbrdf.Brdf(data).
 ///
-/// Parameters: path: str or path object. cache_bytes, lookup, pruned: as for csbrdf.Brdf.
+/// Parameters: path: str or path object. cache_bytes, lookup, pruned, limit: as for csbrdf.Brdf.
 ///
 /// Raises OSError (FileNotFoundError, ...) if the file cannot be opened or is a pipe, a socket or a device (read it and use
 /// csbrdf.Brdf(data)), csbrdf.Error if it cannot be read.
 #[pyfunction]
-#[pyo3(signature = (path, cache_bytes = CACHE_BYTES, lookup = "linear", pruned = "refuse"))]
-fn open(py: Python<'_>, path: PathBuf, cache_bytes: usize, lookup: &str, pruned: &str) -> PyResult<PyBrdf> {
-    let (lookup, pruned) = (read_lookup(lookup)?, read_pruned(pruned)?);
+#[pyo3(signature = (path, cache_bytes = CACHE_BYTES, lookup = "linear", pruned = "refuse", limit = None))]
+fn open(
+    py: Python<'_>,
+    path: PathBuf,
+    cache_bytes: usize,
+    lookup: &str,
+    pruned: &str,
+    limit: Option<usize>,
+) -> PyResult<PyBrdf> {
+    let (lookup, pruned, limits) = (read_lookup(lookup)?, read_pruned(pruned)?, read_limit(limit));
     detached(py, || {
         let bytes = Bytes(Arc::new(map_file(&path)?));
-        PyBrdf::open(bytes, cache_bytes, lookup, pruned).map_err(|e| e.in_file(&path))
+        PyBrdf::open(bytes, cache_bytes, lookup, pruned, limits).map_err(|e| e.in_file(&path))
     })
 }
 
 impl PyBrdf {
-    fn open(bytes: Bytes, cache_bytes: usize, lookup: Lookup, pruned: Pruned) -> codec::Result<PyBrdf> {
-        let open = |bytes| Ok::<_, codec::Error>(Reader::open(bytes)?.with_pruned(pruned));
+    fn open(bytes: Bytes, cache_bytes: usize, lookup: Lookup, pruned: Pruned, limits: Limits) -> codec::Result<PyBrdf> {
+        let open = |bytes| Ok::<_, codec::Error>(Reader::open_with_limits(bytes, limits)?.with_pruned(pruned));
         Ok(PyBrdf(match Brdf::open(open(bytes.clone())?) {
             Ok(brdf) => Contents::Brdf(brdf.with_cache_bytes(cache_bytes).with_lookup(lookup)),
             Err(codec::Error::InvalidArgument(why)) => Contents::Table(open(bytes)?, why),
@@ -154,7 +167,7 @@ impl PyBrdf {
         let reader = self.reader();
         let positions = reader.grid().positions();
         let size = positions.saturating_mul(self.channel_count());
-        let limit = Limits::default().table_values;
+        let limit = reader.limits().table_values;
         if size > limit {
             let (got, limit) = (size as u64, limit as u64);
             return Err(exception(py, codec::Error::LimitExceeded { what: "values of the table", got, limit }));
@@ -182,10 +195,17 @@ impl PyBrdf {
 #[pymethods]
 impl PyBrdf {
     #[new]
-    #[pyo3(signature = (data, cache_bytes = CACHE_BYTES, lookup = "linear", pruned = "refuse"))]
-    fn new(py: Python<'_>, data: PyBackedBytes, cache_bytes: usize, lookup: &str, pruned: &str) -> PyResult<PyBrdf> {
-        let (lookup, pruned) = (read_lookup(lookup)?, read_pruned(pruned)?);
-        detached(py, || PyBrdf::open(Bytes(Arc::new(data)), cache_bytes, lookup, pruned))
+    #[pyo3(signature = (data, cache_bytes = CACHE_BYTES, lookup = "linear", pruned = "refuse", limit = None))]
+    fn new(
+        py: Python<'_>,
+        data: PyBackedBytes,
+        cache_bytes: usize,
+        lookup: &str,
+        pruned: &str,
+        limit: Option<usize>,
+    ) -> PyResult<PyBrdf> {
+        let (lookup, pruned, limits) = (read_lookup(lookup)?, read_pruned(pruned)?, read_limit(limit));
+        detached(py, || PyBrdf::open(Bytes(Arc::new(data)), cache_bytes, lookup, pruned, limits))
     }
 
     /// Number of bins along each axis, slowest first: (90, 90, 180) for MERL. Arrays of decode() have the channels in

@@ -131,3 +131,17 @@ def test_pruned_blocks_are_refused_unless_allowed():
     coarse = csbrdf.open(GOLDEN / "pruned.csbrdf", pruned="coarse")
     values, slices = coarse.block(1)
     assert (values > 0).any() and not coarse.validity()[slices].any()
+
+
+def test_larger_tables_than_the_limit_are_refused():
+    path = GOLDEN / "dct-opponent-mask.csbrdf"
+    values = csbrdf.open(path).decode().size
+    for opened in (csbrdf.open(path, limit=values), csbrdf.Brdf(path.read_bytes(), limit=values)):
+        assert opened.decode().size == values
+    small = csbrdf.open(path, limit=values - 1)
+    for ask in (small.decode, small.validity):
+        with pytest.raises(csbrdf.Error, match=f"above the limit of {values - 1}"):
+            ask()
+    assert small.block(0)[0].size > 0
+    with pytest.raises((OverflowError, TypeError)):
+        csbrdf.open(path, limit=-1)

@@ -42,6 +42,7 @@ class Brdf:
         cache_bytes: int = ...,
         lookup: Literal["linear", "nearest"] = "linear",
         pruned: Literal["refuse", "coarse"] = "refuse",
+        limit: Optional[int] = None,
     ) -> Brdf: ...
     @property
     def shape(self) -> tuple[int, ...]: ...
@@ -80,4 +81,5 @@ def open(
     cache_bytes: int = ...,
     lookup: Literal["linear", "nearest"] = "linear",
     pruned: Literal["refuse", "coarse"] = "refuse",
+    limit: Optional[int] = None,
 ) -> Brdf: ...
