@@ -4,14 +4,14 @@
 use std::path::Path;
 use std::process::{Command, Stdio};
 
+use csbrdf::assess::proof::prove;
+use csbrdf::base::error::Error;
+use csbrdf::codec::sample::SplitMix64;
 use csbrdf::decode::Reader;
 use csbrdf::encode::contract::Contract;
 use csbrdf::encode::{Encoder, Preset};
-use csbrdf::error::Error;
-use csbrdf::grid::Grid;
-use csbrdf::proof::prove;
-use csbrdf::sample::SplitMix64;
 use csbrdf::table::BrdfTable;
+use csbrdf::table::grid::Grid;
 use csbrdf::table::synth::Recipe;
 use proptest::prelude::*;
 
@@ -98,8 +98,8 @@ fn render_psnr_is_kept() {
     // At 55 dB a table as small as this is left so few coefficients that one step more or less is worth 4 dB.
     let bytes = encode(Encoder::new(), &table, Contract::Psnr(65.0)).unwrap();
     let decoded = Reader::open(&bytes[..]).unwrap().decode_table().unwrap();
-    let [a, b] = [&table, &decoded].map(|table| csbrdf::render::sphere_of_table(table, 128));
-    let psnr = csbrdf::render::psnr(&a, &b).unwrap();
+    let [a, b] = [&table, &decoded].map(|table| csbrdf::assess::render::sphere_of_table(table, 128));
+    let psnr = csbrdf::assess::render::psnr(&a, &b).unwrap();
     assert!((65.0..67.0).contains(&psnr), "{psnr}");
 }
 
@@ -168,7 +168,7 @@ proptest! {
             }
         }
         let table = BrdfTable::from_values(grid, values).unwrap();
-        let basis = if dft { csbrdf::fourier::Basis::Dft } else { csbrdf::fourier::Basis::Dct };
+        let basis = if dft { csbrdf::codec::fourier::Basis::Dft } else { csbrdf::codec::fourier::Basis::Dct };
         let encoder = Encoder::new().basis(basis).block_shape(&block).iterations(20);
         let bytes = encode(encoder, &table, Contract::MaxError(max_error)).unwrap();
         let (_, max) = errors(&table, &bytes, EPS);

@@ -12,8 +12,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use common::{BAD_INPUT, OK, USAGE};
+use csbrdf::assess::metrics::compare;
 use csbrdf::decode::Reader;
-use csbrdf::metrics::compare;
 use csbrdf::table::BrdfTable;
 use extreme_tables::{Case, MAX_ERROR, cases, grid, settings};
 use rayon::prelude::*;

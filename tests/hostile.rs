@@ -12,8 +12,8 @@ use std::time::{Duration, Instant};
 use common::{BAD_INPUT, BROKEN_PIPE, OK, OPERATION, USAGE};
 use csbrdf::encode::Encoder;
 use csbrdf::format::metadata::Metadata;
-use csbrdf::grid::{Axis, AxisName, Channel, Grid, Mapping};
 use csbrdf::table::BrdfTable;
+use csbrdf::table::grid::{Axis, AxisName, Channel, Grid, Mapping};
 use serde_json::Value;
 
 const TOOL: &str = env!("CARGO_BIN_EXE_csbrdf");

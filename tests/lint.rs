@@ -9,9 +9,9 @@ use std::process::{Command, Stdio};
 
 use common::{BAD_INPUT, OK, OPERATION, USAGE};
 use csbrdf::encode::Encoder;
-use csbrdf::grid::{Axis, AxisName, Grid, Mapping};
+use csbrdf::io::merl::write_merl;
 use csbrdf::table::BrdfTable;
-use csbrdf::table::merl::write_merl;
+use csbrdf::table::grid::{Axis, AxisName, Grid, Mapping};
 use serde_json::Value;
 
 /// Exit code, standard output, standard error.

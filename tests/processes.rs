@@ -13,9 +13,9 @@ use std::time::{Duration, Instant};
 
 use common::{BAD_INPUT, FAST, OK, OPERATION, USAGE};
 use csbrdf::encode::Encoder;
-use csbrdf::grid::Grid;
+use csbrdf::io::merl::write_merl_values;
 use csbrdf::table::BrdfTable;
-use csbrdf::table::merl::write_merl_values;
+use csbrdf::table::grid::Grid;
 use tempfile::TempDir;
 
 const TOOL: &str = env!("CARGO_BIN_EXE_csbrdf");

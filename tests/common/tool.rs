@@ -6,8 +6,8 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use csbrdf::grid::Grid;
-use csbrdf::table::merl::write_merl_values;
+use csbrdf::io::merl::write_merl_values;
+use csbrdf::table::grid::Grid;
 
 /// The tool.
 pub const TOOL: &str = env!("CARGO_BIN_EXE_csbrdf");

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use csbrdf::salvage::WANTED;
+use csbrdf::edit::salvage::WANTED;
 
 const EXIT_CODES: &str = "\
 Exit codes:
@@ -334,7 +334,7 @@ pub struct CompareArgs {
     #[arg(long)]
     pub json: bool,
     /// Constant in the log error ln(b + eps) - ln(a + eps), 1/sr
-    #[arg(long, default_value_t = csbrdf::metrics::DEFAULT_EPS, value_parser = positive::<f64>)]
+    #[arg(long, default_value_t = csbrdf::assess::metrics::DEFAULT_EPS, value_parser = positive::<f64>)]
     pub eps: f64,
     /// Pixels across the pictures of the materials; 0 for none
     #[arg(long, value_name = "SIZE", default_value_t = 128, value_parser = clap::value_parser!(u16).range(0..=2048))]

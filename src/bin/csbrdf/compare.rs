@@ -2,8 +2,8 @@
 
 use std::fmt::Write;
 
-use csbrdf::metrics::{Comparison, Errors, compare_with_eps};
-use csbrdf::render::{channel_psnr, psnr, sphere_of_table};
+use csbrdf::assess::metrics::{Comparison, Errors, compare_with_eps};
+use csbrdf::assess::render::{channel_psnr, psnr, sphere_of_table};
 use serde_json::{Value, json};
 
 use crate::args::CompareArgs;

@@ -4,10 +4,10 @@ use std::fmt::Write as _;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use csbrdf::block::Block;
 use csbrdf::decode::Reader;
-use csbrdf::table::merl::{write_merl, write_merl_values};
-use csbrdf::table::npy::write_npy_f32;
+use csbrdf::io::merl::{write_merl, write_merl_values};
+use csbrdf::io::npy::write_npy_f32;
+use csbrdf::table::block::Block;
 
 use crate::args::{DecodeArgs, FormatArg};
 use crate::failure::{Failure, Outcome};

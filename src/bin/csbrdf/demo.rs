@@ -3,11 +3,11 @@
 use std::fmt::Write;
 use std::time::Instant;
 
+use csbrdf::assess::metrics::compare;
+use csbrdf::assess::render::{psnr, sphere_of_table};
+use csbrdf::brdf::eval::Brdf;
 use csbrdf::decode::Reader;
 use csbrdf::encode::Encoder;
-use csbrdf::eval::Brdf;
-use csbrdf::metrics::compare;
-use csbrdf::render::{psnr, sphere_of_table};
 use csbrdf::table::BrdfTable;
 use csbrdf::table::synth::Recipe;
 

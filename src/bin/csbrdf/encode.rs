@@ -8,13 +8,13 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
+use csbrdf::codec::fourier::Basis;
+use csbrdf::codec::sample::Sampling;
 use csbrdf::encode::contract::Contract;
 use csbrdf::encode::{Channels, Effort, Encoder, Preset};
 use csbrdf::format::metadata::Metadata;
-use csbrdf::fourier::Basis;
-use csbrdf::sample::Sampling;
+use csbrdf::io::merl::read_merl;
 use csbrdf::table::BrdfTable;
-use csbrdf::table::merl::read_merl;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use sha2::{Digest, Sha256};
 

@@ -3,8 +3,8 @@
 use std::io::{BufRead, BufReader, BufWriter, IsTerminal, Read, Write};
 use std::path::{Path, PathBuf};
 
-use csbrdf::coords::Lookup;
-use csbrdf::eval::Brdf;
+use csbrdf::brdf::eval::Brdf;
+use csbrdf::table::coords::Lookup;
 use serde_json::json;
 
 use crate::args::{EvalArgs, LookupArg, numbers};

@@ -5,9 +5,9 @@ use std::path::Path;
 use csbrdf::Error;
 use csbrdf::decode::Reader;
 use csbrdf::format::MAGIC;
-use csbrdf::grid::Grid;
-use csbrdf::table::merl::read_merl;
-use csbrdf::table::samples::read_samples;
+use csbrdf::io::merl::read_merl;
+use csbrdf::io::samples::read_samples;
+use csbrdf::table::grid::Grid;
 
 use crate::failure::{Failure, Outcome};
 use crate::sets::manifest::{LIMIT, Manifest};

@@ -6,8 +6,8 @@ mod json;
 
 use std::fmt::Write;
 
-use csbrdf::channel::ChannelTransform;
-use csbrdf::grid::Mapping;
+use csbrdf::codec::channel::ChannelTransform;
+use csbrdf::table::grid::Mapping;
 
 use crate::args::InfoArgs;
 use crate::failure::{Failure, Outcome, each};
@@ -66,7 +66,7 @@ fn report(contents: &Contents) -> String {
         let value = format!("{:<8} {:>4} bins, {start:.4} to {end:.4} degrees{mapping}", axis.name.as_str(), axis.len);
         line(if i == 0 { "axes" } else { "" }, &value);
     }
-    let channel = |c: &csbrdf::grid::Channel| match c.wavelength {
+    let channel = |c: &csbrdf::table::grid::Channel| match c.wavelength {
         Some(wavelength) => format!("{} ({wavelength} nm)", c.name),
         None => c.name.clone(),
     };

@@ -5,8 +5,8 @@ use std::sync::OnceLock;
 
 use csbrdf::decode::{Pruned, Reader};
 use csbrdf::format::{Limits, MAGIC};
+use csbrdf::io::merl::read_merl;
 use csbrdf::table::BrdfTable;
-use csbrdf::table::merl::read_merl;
 
 use crate::failure::{Failure, note};
 pub use crate::formats::expect_merl;

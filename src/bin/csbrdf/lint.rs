@@ -3,10 +3,10 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use csbrdf::eval::Brdf;
+use csbrdf::assess::lint::{Deviation, Findings, Warning, lint_brdf, lint_table};
+use csbrdf::brdf::eval::Brdf;
 use csbrdf::format::MAGIC;
-use csbrdf::lint::{Deviation, Findings, Warning, lint_brdf, lint_table};
-use csbrdf::table::merl::read_merl;
+use csbrdf::io::merl::read_merl;
 use serde_json::{Value, json};
 
 use crate::args::LintArgs;

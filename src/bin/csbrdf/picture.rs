@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use csbrdf::render::{Image, difference, write_png};
+use csbrdf::assess::render::{Image, difference, write_png};
 
 use crate::failure::Outcome;
 use crate::guard::Guard;

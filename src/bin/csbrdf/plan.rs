@@ -1,10 +1,10 @@
 //! `csbrdf plan`: what to measure, and, to rehearse it, the values that a table has there.
 
-use csbrdf::grid::Grid;
-use csbrdf::plan::Plan;
-use csbrdf::sample::Sampling;
+use csbrdf::assess::plan::Plan;
+use csbrdf::codec::sample::Sampling;
+use csbrdf::io::samples::write_plan;
 use csbrdf::table::BrdfTable;
-use csbrdf::table::samples::write_plan;
+use csbrdf::table::grid::Grid;
 
 use crate::args::PlanArgs;
 use crate::failure::{Failure, Outcome, note};

@@ -3,10 +3,10 @@
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-use csbrdf::excerpt::excerpt;
-use csbrdf::grid::Channel;
-use csbrdf::prune::Pruner;
-use csbrdf::touched::Touched;
+use csbrdf::base::excerpt::excerpt;
+use csbrdf::brdf::touched::Touched;
+use csbrdf::edit::prune::Pruner;
+use csbrdf::table::grid::Channel;
 
 use crate::args::PruneArgs;
 use crate::failure::{Failure, Outcome, note};

@@ -4,10 +4,10 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::time::Instant;
 
-use csbrdf::eval::Brdf;
-use csbrdf::render::environment::Environment;
-use csbrdf::render::scene::{Ball, StillLife};
-use csbrdf::render::trace::{Material, Quality, Scene, render, subject_mask};
+use csbrdf::assess::render::environment::Environment;
+use csbrdf::assess::render::scene::{Ball, StillLife};
+use csbrdf::assess::render::trace::{Material, Quality, Scene, render, subject_mask};
+use csbrdf::brdf::eval::Brdf;
 
 use crate::args::RenderArgs;
 use crate::failure::{Failure, Outcome, note};

@@ -1,6 +1,6 @@
 //! `csbrdf repair`: a valid file from a damaged one.
 
-use csbrdf::salvage::{Options, repair_with};
+use csbrdf::edit::salvage::{Options, repair_with};
 
 use crate::args::RepairArgs;
 use crate::failure::{Failure, Outcome, note};

@@ -16,8 +16,8 @@ mod trace;
 use std::path::Path;
 use std::time::Instant;
 
-use csbrdf::block::Partition;
-use csbrdf::render::sphere_of_table;
+use csbrdf::assess::render::sphere_of_table;
+use csbrdf::table::block::Partition;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::args::ReportArgs;

@@ -3,8 +3,8 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use csbrdf::salvage::{Damage, Options, Outcome as Cost, Salvaged, WANTED, salvage_with};
-use csbrdf::table::merl::write_merl_values;
+use csbrdf::edit::salvage::{Damage, Options, Outcome as Cost, Salvaged, WANTED, salvage_with};
+use csbrdf::io::merl::write_merl_values;
 
 use crate::args::{DecodeArgs, FormatArg};
 use crate::decode::{MISSING, write_whole};

@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use csbrdf::Error;
-use csbrdf::grid::Grid;
+use csbrdf::io::samples::read_samples;
 use csbrdf::table::BrdfTable;
-use csbrdf::table::samples::read_samples;
+use csbrdf::table::grid::Grid;
 
 use crate::failure::{Failure, note};
 use crate::input::label;

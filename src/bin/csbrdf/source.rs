@@ -139,7 +139,7 @@ fn read_regular(path: &Path, file: &File, length: u64, kinds: &[Kind]) -> Result
     }
     match stated {
         Length::Exactly(stated) if length > stated => Err(goes_on(path, stated)),
-        _ => csbrdf::map::map_opened(file).map(Bytes::Map).map_err(|e| Failure::in_file(path, &e)),
+        _ => csbrdf::base::map::map_opened(file).map(Bytes::Map).map_err(|e| Failure::in_file(path, &e)),
     }
 }
 

@@ -22,9 +22,9 @@ mod trial;
 use std::path::Path;
 use std::time::Instant;
 
-use csbrdf::render::Texels;
+use csbrdf::assess::render::Texels;
+use csbrdf::io::merl::read_merl;
 use csbrdf::table::BrdfTable;
-use csbrdf::table::merl::read_merl;
 
 use crate::args::{FigureArg, StudyArgs};
 use crate::failure::{Failure, Outcome, note};

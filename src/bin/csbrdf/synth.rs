@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use csbrdf::grid::Grid;
-use csbrdf::table::merl::write_merl;
+use csbrdf::io::merl::write_merl;
+use csbrdf::table::grid::Grid;
 use csbrdf::table::synth::Recipe;
 
 use crate::args::SynthArgs;

@@ -3,8 +3,8 @@
 use std::fmt::Write;
 use std::path::Path;
 
+use csbrdf::assess::proof::prove;
 use csbrdf::decode::Reader;
-use csbrdf::proof::prove;
 use sha2::{Digest, Sha256};
 
 use crate::args::VerifyArgs;

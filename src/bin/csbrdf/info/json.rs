@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use csbrdf::grid::Mapping;
+use csbrdf::table::grid::Mapping;
 use serde_json::{Map, Value, json};
 
 use super::blocks::ENOUGH;
@@ -32,11 +32,12 @@ pub fn print_object(contents: &Contents, with_blocks: bool) -> Outcome {
 fn object(contents: &Contents) -> Value {
     let reader = &contents.reader;
     let grid = reader.grid();
-    let axis = |a: &csbrdf::grid::Axis| {
+    let axis = |a: &csbrdf::table::grid::Axis| {
         let mapping = if a.mapping == Mapping::Square { "square" } else { "linear" };
         json!({"name": a.name.as_str(), "bins": a.len, "mapping": mapping, "start": a.start, "end": a.end})
     };
-    let channel = |c: &csbrdf::grid::Channel| json!({"name": c.name, "wavelength_nm": c.wavelength, "scale": c.scale});
+    let channel =
+        |c: &csbrdf::table::grid::Channel| json!({"name": c.name, "wavelength_nm": c.wavelength, "scale": c.scale});
     let section = |(name, bytes): &(String, usize)| json!({"name": name, "bytes": bytes});
     let coding = reader.coding();
     let partition = reader.partition();

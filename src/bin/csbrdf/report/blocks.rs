@@ -1,11 +1,11 @@
 //! Which blocks' solves are followed.
 
-use csbrdf::block::Partition;
+use csbrdf::codec::tone::tone_map;
 use csbrdf::table::BrdfTable;
-use csbrdf::tone::tone_map;
+use csbrdf::table::block::Partition;
 
 /// Constant of the logarithm that ranges are measured in, 1/sr.
-const EPS: f64 = csbrdf::metrics::DEFAULT_EPS;
+const EPS: f64 = csbrdf::assess::metrics::DEFAULT_EPS;
 
 /// A block and why it is shown.
 #[derive(Clone, Debug, PartialEq)]
@@ -62,7 +62,7 @@ fn log_range(table: &BrdfTable, partition: &Partition, number: usize) -> Option<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use csbrdf::grid::{Axis, Grid};
+    use csbrdf::table::grid::{Axis, Grid};
 
     #[test]
     fn blocks_are_ranked_by_log_range() {

@@ -4,10 +4,10 @@ use std::path::Path;
 use std::time::Instant;
 
 use clap::Parser;
+use csbrdf::assess::render::{Image, psnr, sphere_of_table};
 use csbrdf::decode::Reader;
 use csbrdf::encode::Encoder;
 use csbrdf::format::metadata::Metadata;
-use csbrdf::render::{Image, psnr, sphere_of_table};
 use csbrdf::table::BrdfTable;
 
 use super::plan::preset_name;

@@ -1,11 +1,11 @@
 //! Sparsity of the Fourier coefficients of the table and of its logarithm (the paper's figure 2).
 
-use csbrdf::block::{Block, Partition};
-use csbrdf::fourier::forward::Transform;
-use csbrdf::fourier::{Basis, partners};
-use csbrdf::metrics::{DEFAULT_EPS, gini};
+use csbrdf::assess::metrics::{DEFAULT_EPS, gini};
+use csbrdf::codec::fourier::forward::Transform;
+use csbrdf::codec::fourier::{Basis, partners};
+use csbrdf::codec::tone::tone_map;
 use csbrdf::table::BrdfTable;
-use csbrdf::tone::tone_map;
+use csbrdf::table::block::{Block, Partition};
 use rayon::prelude::*;
 
 use super::csv::{Csv, figure};
@@ -157,7 +157,7 @@ pub fn write(plan: &Plan, rows: &[Row], folder: &Folder) -> Result<Section, Fail
 #[cfg(test)]
 mod tests {
     use super::*;
-    use csbrdf::grid::Grid;
+    use csbrdf::table::grid::Grid;
 
     #[test]
     fn flat_blocks_are_one_spike_and_noise_is_not() {
@@ -172,7 +172,7 @@ mod tests {
 
     #[test]
     fn blocks_with_holes_are_left_out() {
-        let axes = Grid::merl().axes().iter().map(|a| csbrdf::grid::Axis { len: 15, ..*a }).collect();
+        let axes = Grid::merl().axes().iter().map(|a| csbrdf::table::grid::Axis { len: 15, ..*a }).collect();
         let grid = Grid::new(axes, Grid::rgb_channels([1.0; 3])).unwrap();
         let mut values: Vec<f64> = (0..3 * 3375).map(|i| 1.0 + (i % 7) as f64).collect();
         values[0] = -1.0;

@@ -3,7 +3,7 @@
 use std::io::BufReader;
 use std::path::Path;
 
-use csbrdf::render::environment::Environment;
+use csbrdf::assess::render::environment::Environment;
 use image::ImageReader;
 
 use crate::failure::Failure;

@@ -1,10 +1,10 @@
 //! Negative values after recovery, from the table and from its logarithm (the paper's figure 3).
 
-use csbrdf::block::Partition;
-use csbrdf::metrics::DEFAULT_EPS;
-use csbrdf::sample::{Sampling, block_seed, sample_positions};
+use csbrdf::assess::metrics::DEFAULT_EPS;
+use csbrdf::codec::sample::{Sampling, block_seed, sample_positions};
+use csbrdf::codec::tone::tone_map;
 use csbrdf::table::BrdfTable;
-use csbrdf::tone::tone_map;
+use csbrdf::table::block::Partition;
 use rayon::prelude::*;
 
 use super::csv::{Csv, figure};

@@ -3,9 +3,9 @@
 use std::ffi::OsStr;
 use std::path::PathBuf;
 
+use csbrdf::assess::render::environment::Environment;
+use csbrdf::assess::render::trace::Quality;
 use csbrdf::encode::Preset;
-use csbrdf::render::environment::Environment;
-use csbrdf::render::trace::Quality;
 
 use super::light;
 use crate::args::{FigureArg, StudyArgs};

@@ -2,11 +2,11 @@
 
 use std::collections::HashMap;
 
-use csbrdf::fourier::forward::Transform;
-use csbrdf::fourier::{Basis, partners};
-use csbrdf::solve::norm::Norm;
-use csbrdf::solve::sampled::{Columns, SampledBasis};
-use csbrdf::solve::spgl1::{self, Options};
+use csbrdf::codec::fourier::forward::Transform;
+use csbrdf::codec::fourier::{Basis, partners};
+use csbrdf::encode::l1::norm::Norm;
+use csbrdf::encode::l1::sampled::{Columns, SampledBasis};
+use csbrdf::encode::l1::spgl1::{self, Options};
 
 /// Most iterations of one solve, as the paper preset has it.
 const ITERATIONS: usize = 300;

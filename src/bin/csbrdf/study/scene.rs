@@ -1,8 +1,8 @@
 //! Two materials in one scene (the paper's figure 1).
 
-use csbrdf::render::scene::StillLife;
-use csbrdf::render::trace::{Material, render};
-use csbrdf::render::{Image, Texels};
+use csbrdf::assess::render::scene::StillLife;
+use csbrdf::assess::render::trace::{Material, render};
+use csbrdf::assess::render::{Image, Texels};
 
 use super::csv::{Csv, figure};
 use super::folder::Folder;

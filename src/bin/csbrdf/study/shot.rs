@@ -1,9 +1,9 @@
 //! A reference picture and what is compared with it.
 
-use csbrdf::render::picture::psnr_over;
-use csbrdf::render::scene::Ball;
-use csbrdf::render::trace::{Material, Scene, render, subject_mask};
-use csbrdf::render::{Image, Texels};
+use csbrdf::assess::render::picture::psnr_over;
+use csbrdf::assess::render::scene::Ball;
+use csbrdf::assess::render::trace::{Material, Scene, render, subject_mask};
+use csbrdf::assess::render::{Image, Texels};
 
 use super::plan::Plan;
 use crate::picture::Picture;

@@ -1,9 +1,9 @@
 //! One material through one preset at one ratio: encode, decode, look.
 
+use csbrdf::assess::render::Texels;
+use csbrdf::codec::sample::Sampling;
 use csbrdf::decode::Reader;
 use csbrdf::encode::Encoder;
-use csbrdf::render::Texels;
-use csbrdf::sample::Sampling;
 use csbrdf::table::BrdfTable;
 
 use super::plan::{PRESETS, Plan, percentage};
