@@ -1,5 +1,4 @@
 //! The tool's bounds on what a file or the environment may cost, and how they are raised.
-#![cfg(feature = "cli")]
 
 mod common;
 #[path = "common/tool.rs"]
@@ -11,7 +10,7 @@ use common::{OK, UNSUPPORTED, USAGE};
 use tool::{run, shell};
 
 fn golden(name: &str) -> String {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/v1").join(name);
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/v1").join(name);
     path.into_os_string().into_string().unwrap()
 }
 

@@ -2,10 +2,9 @@
 //!
 //! The tool encodes tables on MERL's grid. Those of other grids come to it as files that the library encoded with the settings that
 //! the tool's options stand for; verify, decode, info and compare are the tool's.
-#![cfg(feature = "cli")]
 
 mod common;
-#[path = "common/extreme_tables.rs"]
+#[path = "../../../tests/common/extreme_tables.rs"]
 mod extreme_tables;
 
 use std::path::{Path, PathBuf};

@@ -1,6 +1,5 @@
 //! Inputs that once failed a fuzz target, or come close to it: each goes through the body of its target, which it names,
 //! `tests/crashes/TARGET-WHAT.EXTENSION`. Checksums are put right first, as the fuzzer has the decoder ignore them.
-#![cfg(feature = "cli")]
 // The C ABI's body.
 #![allow(unsafe_code)]
 
@@ -9,7 +8,7 @@ extern crate csbrdf as codec;
 
 // The mutator of files needs more of it.
 #[allow(dead_code)]
-#[path = "../fuzz/src/bodies/mod.rs"]
+#[path = "../../../fuzz/src/bodies/mod.rs"]
 mod bodies;
 
 use std::path::Path;
@@ -18,7 +17,7 @@ use bodies::golden::GOLDEN;
 use bodies::{capi, eval, salvage, stale};
 
 fn folder(name: &str) -> Vec<(String, Vec<u8>)> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests").join(name);
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests").join(name);
     let paths = std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).filter(|path| path.is_file());
     let named = |path: &Path| path.file_name().unwrap().to_str().unwrap().to_string();
     let mut files: Vec<_> = paths.map(|path| (named(&path), std::fs::read(&path).unwrap())).collect();

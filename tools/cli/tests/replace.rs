@@ -1,5 +1,5 @@
 //! What a command does not replace, whatever else it may: its own input, and the measurement that the input was made from.
-#![cfg(all(feature = "cli", unix))]
+#![cfg(unix)]
 
 mod common;
 #[path = "common/tool.rs"]

@@ -1,5 +1,5 @@
 //! Inputs that are no regular files, or not what they say: pipes, devices, links, streams without end. A run that hangs fails.
-#![cfg(all(feature = "cli", unix))]
+#![cfg(unix)]
 
 mod common;
 #[path = "common/tool.rs"]

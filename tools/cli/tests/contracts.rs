@@ -1,5 +1,4 @@
 //! What an encode promises: kept as an independent measure sees it, refused where it cannot be, proved by `verify`.
-#![cfg(feature = "cli")]
 
 use std::path::Path;
 use std::process::{Command, Stdio};

@@ -1,5 +1,4 @@
 //! `csbrdf lint` as its users see it.
-#![cfg(feature = "cli")]
 
 mod common;
 

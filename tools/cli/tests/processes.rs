@@ -1,6 +1,6 @@
 //! The tool among other processes and on a machine that refuses: killed, interrupted, in another's way, on a full or read-only disk.
 //! Under its name a file is the old one, the new one or not there; never a part of one.
-#![cfg(all(feature = "cli", unix))]
+#![cfg(unix)]
 
 mod common;
 

@@ -1,5 +1,4 @@
 //! `csbrdf study` on two synthesised materials: its files, their contents, its refusals.
-#![cfg(feature = "cli")]
 
 mod common;
 

@@ -1,5 +1,5 @@
 //! `csbrdf report` as its users see it: one run, and the commands that it prints.
-#![cfg(all(feature = "cli", unix))]
+#![cfg(unix)]
 
 use std::path::Path;
 use std::process::{Command, Output, Stdio};

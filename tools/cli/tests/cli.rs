@@ -1,5 +1,4 @@
 //! The command-line tool as its users see it: standard output, standard error, exit code, files.
-#![cfg(feature = "cli")]
 
 mod common;
 

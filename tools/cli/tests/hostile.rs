@@ -1,6 +1,6 @@
 //! The tool with hostile text: names and traces of any length, without end, with characters that steer a terminal, a page or a
 //! spreadsheet; and with a standard output that is not there.
-#![cfg(all(feature = "cli", unix))]
+#![cfg(unix)]
 
 mod common;
 

@@ -1,5 +1,4 @@
 //! Damaged files through the tool: what is left, what is told, and the exit codes.
-#![cfg(feature = "cli")]
 
 mod common;
 

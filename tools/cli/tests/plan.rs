@@ -1,5 +1,4 @@
 //! Measuring only what is needed: plan, measurements, file, as a lab sees it.
-#![cfg(feature = "cli")]
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};

@@ -1,5 +1,5 @@
 //! Sets that are interrupted: the next run keeps what is finished, makes the rest, and ends with the bytes of an undisturbed one.
-#![cfg(all(feature = "cli", unix))]
+#![cfg(unix)]
 
 mod common;
 #[path = "common/tool.rs"]
