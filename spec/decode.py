@@ -1,15 +1,16 @@
 #!/usr/bin/env python3
 """A plain decoder of .csbrdf files (format 1.0 and its drafts 1 to 5), written from csbrdf.md for reading along with it.
 
-    csbrdf_decode.py FILE...                   name and CRC-32 of the values, the binary64 values / scale, the validity
-    csbrdf_decode.py --check HASHES [FILE...]  compare these with a list; exit 1 on a difference
-    csbrdf_decode.py -o OUT.npy FILE           write the binary32 values [channel][axes...]
-    csbrdf_decode.py --block N FILE            decode one block and print its values
-    csbrdf_decode.py --exact [...] FILE        the values of a lossless file's source, bit for bit, those that are not
-                                               valid included: with -o OUT.npy or OUT.binary (MERL's form) or --block N
-                                               these instead of the decoded ones, else their CRC-32 as well
-    csbrdf_decode.py --allow-pruned [...] FILE decode pruned blocks too, as blocks without valid entries; without this
-                                               they are an error. --check always allows them
+    decode.py FILE...                   name and CRC-32 of the values, the binary64 values / scale, the validity
+    decode.py --check HASHES [FILE...]  compare these with a list; exit 1 on a difference
+    decode.py -o OUT.npy FILE           write the binary32 values [channel][axes...]
+    decode.py --block N FILE            decode one block and print its values
+    decode.py --samples FILE...         print how many entries of each block are samples, by channel
+    decode.py --exact [...] FILE        the values of a lossless file's source, bit for bit, those that are not valid
+                                        included: with -o OUT.npy or OUT.binary (MERL's form) or --block N these
+                                        instead of the decoded ones, else their CRC-32 as well
+    decode.py --allow-pruned [...] FILE decode pruned blocks too, as blocks without valid entries; without this they
+                                        are an error. --check always allows them
 
 Needs NumPy. Every operation on arrays is elementwise, in the precision of the array, so the order and the roundings are
 those of the specification. Numbers in docstrings are its sections. META (3.7) is not decoded, only its CRC is checked.
