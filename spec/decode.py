@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A plain decoder of .csbrdf files (format 1.0 and its drafts 1 to 5), written from csbrdf.md alone, to be read beside it.
+"""A plain decoder of .csbrdf files (format 1.0 and its drafts 1 to 5), written from csbrdf.md alone; read it beside that.
 
     decode.py FILE...                   name and CRC-32 of the values, the binary64 values / scale, the validity
     decode.py --check HASHES [FILE...]  compare these with a list; exit 1 on a difference
