@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A plain decoder of .csbrdf files (format 1.0 and its drafts 1 to 5), written from csbrdf.md alone; read it beside that.
+"""A plain decoder of .csbrdf files (format 1.0 and its drafts 1 to 5), written from csbrdf.md alone.
 
     decode.py FILE...                   name and CRC-32 of the values, the binary64 values / scale, the validity
     decode.py --check HASHES [FILE...]  compare these with a list; exit 1 on a difference
@@ -181,7 +181,7 @@ class File:
             flags = t.get("I", "flags", 0, 1)
             t.check(name != b"GRAZ" or not self.before_3, f"section GRAZ in draft {self.draft}")
             known = name in (b"GRID", b"CODE", b"PART", b"PROB", b"GRAZ", b"INDX", b"META", b"RECS")
-            known |= name == b"EXCT" and not self.before_3  # A.2; SPAR (3.11) is skipped
+            known |= name == b"SPAR" or name == b"EXCT" and not self.before_3  # A.2; SPAR is for repairs (3.11)
             t.check(known or flags & 1, f"unknown section {name} is not skippable")
             length = t.get("Q", "length of a section", 0, len(self.data) - begin)
             self.sections[name] = (begin, length, t.get("I", "CRC"))
