@@ -191,7 +191,7 @@ fn golden_files_cover_the_features() {
     }
 }
 
-/// Samples of a file whose records double the ratio; the counts are those of tools/csbrdf_decode.py.
+/// Samples of a file whose records double the ratio; the counts are those of spec/decode.py.
 #[test]
 fn samples_of_doubled_ratios_are_as_they_were() {
     let bytes = read("dct-sampled-by-block.csbrdf");
@@ -203,7 +203,7 @@ fn samples_of_doubled_ratios_are_as_they_were() {
 }
 
 /// Bits of the source, marks of missing entries included, as a whole and by block. The sum is that of
-/// tools/csbrdf_decode.py too.
+/// spec/decode.py too.
 #[test]
 fn exact_values_are_as_they_were() {
     let bytes = read("dct-lossless.csbrdf");

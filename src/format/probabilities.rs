@@ -208,7 +208,7 @@ mod tests {
         }
     }
 
-    /// The section byte for byte; what the bytes say was read by the `RangeDecoder` of tools/csbrdf_decode.py.
+    /// The section byte for byte; what the bytes say was read by the `RangeDecoder` of spec/decode.py.
     #[test]
     fn bytes_are_those_of_the_specification() {
         let codes = [None, Some(12), Some(129), None, Some(0), Some(127), Some(255), None];

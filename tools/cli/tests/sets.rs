@@ -323,7 +323,7 @@ fn wrong_usage_is_told() {
     assert!(!Path::new(env!("CARGO_TARGET_TMPDIR")).join("x").exists());
 }
 
-/// A set of format 1.0 and its manifest, read forever. CRC-32s of the binary32 values by `tools/csbrdf_decode.py`.
+/// A set of format 1.0 and its manifest, read forever. CRC-32s of the binary32 values by `spec/decode.py`.
 #[test]
 fn the_golden_set_is_as_it_was() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/v1/set");

@@ -1,18 +1,20 @@
 #!/usr/bin/env python3
-"""A plain decoder of .csbrdf files (format 1.0 and its drafts 1 to 5), written from csbrdf.md for reading along with it.
+"""A plain decoder of .csbrdf files (format 1.0 and its drafts 1 to 5), written from csbrdf.md alone.
 
-    csbrdf_decode.py FILE...                   name and CRC-32 of the values, the binary64 values / scale, the validity
-    csbrdf_decode.py --check HASHES [FILE...]  compare these with a list; exit 1 on a difference
-    csbrdf_decode.py -o OUT.npy FILE           write the binary32 values [channel][axes...]
-    csbrdf_decode.py --block N FILE            decode one block and print its values
-    csbrdf_decode.py --exact [...] FILE        the values of a lossless file's source, bit for bit, those that are not
-                                               valid included: with -o OUT.npy or OUT.binary (MERL's form) or --block N
-                                               these instead of the decoded ones, else their CRC-32 as well
-    csbrdf_decode.py --allow-pruned [...] FILE decode pruned blocks too, as blocks without valid entries; without this
-                                               they are an error. --check always allows them
+    decode.py FILE...                   name and CRC-32 of the values, the binary64 values / scale, the validity
+    decode.py --check HASHES [FILE...]  compare these with a list; exit 1 on a difference
+    decode.py -o OUT.npy FILE           write the binary32 values [channel][axes...]
+    decode.py --block N FILE            decode one block and print its values
+    decode.py --samples FILE...         print how many entries of each block are samples, by channel
+    decode.py --exact [...] FILE        the values of a lossless file's source, bit for bit, those that are not valid
+                                        included: with -o OUT.npy or OUT.binary (MERL's form) or --block N these
+                                        instead of the decoded ones, else their CRC-32 as well
+    decode.py --allow-pruned [...] FILE decode pruned blocks too, as blocks without valid entries; without this they
+                                        are an error. --check always allows them
 
 Needs NumPy. Every operation on arrays is elementwise, in the precision of the array, so the order and the roundings are
-those of the specification. Numbers in docstrings are its sections. META (3.7) is not decoded, only its CRC is checked.
+those of the specification. Numbers in docstrings and comments, like 3.5 or A.4, are its sections. META (3.7) is not
+decoded, only its CRC is checked.
 """
 import argparse
 import bisect
@@ -32,10 +34,10 @@ ALL, NONE, HORIZON, MASK, MASK_PER_CHANNEL, PRUNED = range(6)  # classes of vali
 ANY, EXTENT, ROW, SIGNIFICANT, EXPONENT, MANTISSA, MASKS, ZEROS = 0, 3, 195, 276, 708, 1308, 1333, 1397  # 4.6
 C_ANY, C_ROW, C_PRESENT, C_EXPONENT, C_MANTISSA, C_SIGN, CONTEXTS = 1437, 1440, 1449, 1549, 1599, 1624, 1633  # 4.11
 D_SIGNIFICANT, D_CONTEXTS = 1633, 2065  # 4.6, of dependent quantisation
-P_TOLD, P_EXPONENT, P_MANTISSA, P_CONTEXTS = 0, 4, 29, 54  # 3.5
+P_STORED, P_EXPONENT, P_MANTISSA, P_CONTEXTS = 0, 4, 29, 54  # 3.5
 X_MISSING, X_SIGN, X_TOP, X_LENGTH, X_MISSING_LENGTH, X_CONTEXTS = 0, 3, 9, 521, 4617, 4745  # 4.12
 LEVEL = [0, 1, 2, 3, 4, 5, 6, 7, 7] + [8] * 3 + [9] * 5 + [10] * 12  # 4.6, above: 11
-NEXT_STATE = [(0, 2), (2, 0), (1, 3), (3, 1)]  # 4.5: after a coefficient of even index, of odd index
+NEXT_STATE = [(0, 2), (2, 0), (1, 3), (3, 1)]  # 4.5: after an even quantiser index, an odd one
 
 
 class Refused(Exception):
@@ -162,7 +164,7 @@ class File:
         minor = c.get("H", "minor version")
         draft = c.get("H", "draft")
         c.check(draft == 0 or minor == 0 and draft <= 5, f"draft {draft} of version {major}.{minor} is not known")
-        # A final version has all that the drafts brought.
+        # Appendix A: a final version has all that the drafts brought.
         self.draft = draft = draft or 6
         self.before_3, self.before_4 = draft < 3, draft < 4
         count = c.get("H", "number of sections", 1, 64)
@@ -179,7 +181,7 @@ class File:
             flags = t.get("I", "flags", 0, 1)
             t.check(name != b"GRAZ" or not self.before_3, f"section GRAZ in draft {self.draft}")
             known = name in (b"GRID", b"CODE", b"PART", b"PROB", b"GRAZ", b"INDX", b"META", b"RECS")
-            known |= name == b"EXCT" and not self.before_3
+            known |= name == b"SPAR" or name == b"EXCT" and not self.before_3  # A.2; SPAR is for repairs (3.11)
             t.check(known or flags & 1, f"unknown section {name} is not skippable")
             length = t.get("Q", "length of a section", 0, len(self.data) - begin)
             self.sections[name] = (begin, length, t.get("I", "CRC"))
@@ -233,7 +235,7 @@ class File:
         c.check(not matrix or self.channels <= 16, "a matrix of more than 16 channels")
         self.shrink = [c.get("b", "shrink of magnitude 1"), c.get("b", "shrink of magnitudes 2 and above")]
         horizon = c.get("B", "horizon", 0, 1)
-        self.tells_zeros = c.get("B", "exact zeros", 0, 0 if self.before_3 else 1)
+        self.has_zeros = c.get("B", "exact zeros", 0, 0 if self.before_3 else 1)  # A.3
         self.eps = c.get("d", "eps", 1e-300, 1e30)
         threshold = c.get("d", "elevation of the horizon", -1.0, 1.0)
         c.check(horizon or struct.pack("<d", threshold) == bytes(8), "an elevation, but no horizon")
@@ -247,7 +249,7 @@ class File:
             self.matrix = [[F32(c.get("f", "entry of the matrix", -F32(1.001), F32(1.001))) for _ in self.step]
                            for _ in self.step]
         self.correction = F32(0)
-        if not self.before_3:
+        if not self.before_3:  # A.3
             raw = c.get("f", "correction step", F32(0), F32(1e6))
             c.check(struct.pack("<f", raw) == bytes(4) or raw >= F32(1e-12), f"correction step is {raw}")
             self.correction = F32(raw)
@@ -277,31 +279,31 @@ class File:
 
     def prob(self, c):
         """3.5 PROB."""
-        contexts = ZEROS if self.before_3 else D_CONTEXTS if self.dependent else CONTEXTS
+        contexts = ZEROS if self.before_3 else D_CONTEXTS if self.dependent else CONTEXTS  # A.4
         c.get("H", "number of contexts", contexts, contexts)
         self.probabilities = self.plain_probabilities(c, contexts) if self.before_4 else \
             self.coded_probabilities(c, contexts)
 
     def plain_probabilities(self, c, contexts):
-        """3.5 before draft 4: told as codes in draft 3, as they are before it."""
+        """A.4: stored as codes in draft 3, as they are in drafts 1 and 2."""
         bits = int.from_bytes(c.bytes(-(-contexts // 8)), "little")
         c.check(bits >> contexts == 0, "padding is not 0")
 
-        def told():
+        def stored():
             if self.before_3:
                 return c.get("H", "probability", 1)
             code = c.get("B", "code of a probability")
             return probability(-code if code < 128 else code - 128)
 
-        return [told() if bits >> i & 1 else 32768 for i in range(contexts)]
+        return [stored() if bits >> i & 1 else 32768 for i in range(contexts)]
 
     def coded_probabilities(self, c, contexts):
-        """3.5: told as changes of ranks, range coded."""
+        """3.5: stored as changes of ranks, range coded."""
         coded = c.bytes(len(c.data) - c.pos)
         coder = RangeDecoder(coded, [32768] * P_CONTEXTS)
-        probabilities, rank, before, second = [], 0, 0, 0  # before, second: whether the last two were told
+        probabilities, rank, before, second = [], 0, 0, 0  # before, second: whether the last two were stored
         for context in range(contexts):
-            before, second = coder.bit(P_TOLD + before + 2 * second), before  # 1
+            before, second = coder.bit(P_STORED + before + 2 * second), before  # 1
             if before:  # 2
                 change = number(coder, P_EXPONENT, P_MANTISSA, c)
                 rank += -change if change and coder.raw(1) else change
@@ -343,7 +345,7 @@ class File:
         """3.6 INDX. The blocks are listed here as well: their number must be that of the partition."""
         begin, length, _ = self.sections[b"RECS"]
         count = c.get("I", "number of blocks", 0, length)
-        c.check(self.before_3 or count * self.channels <= 1 << 24, "too many means")
+        c.check(self.before_3 or count * self.channels <= 1 << 24, "too many means")  # A.5
         self.blocks = list(itertools.islice(self.block(), count + 1))
         c.check(len(self.blocks) == count, f"{count} blocks are not those of the partition")
         lengths, self.means = self.plain_entries(c) if self.before_3 else self.coded_entries(c)
@@ -366,7 +368,7 @@ class File:
         self.parts = list(zip(itertools.accumulate(lengths, initial=begin + c.pos), lengths))
 
     def plain_entries(self, c):
-        """3.6 before draft 3: lengths and means of all blocks."""
+        """A.5: lengths and means of all blocks in drafts 1 and 2."""
         count = len(self.blocks)
         w, v = c.get("B", "bytes per record length", 1, 4), c.get("B", "bytes per mean", 1, 4)
         c.get("H", "reserved field", 0, 0)
@@ -433,9 +435,10 @@ class File:
         c.check(crc == int.from_bytes(data[-4:], "little"), "CRC is wrong")
         first_byte = c.get("B", "class of validity and doublings")
         validity_class, doublings = first_byte & 7, first_byte >> 3
-        highest = MASK_PER_CHANNEL if self.draft < 5 else PRUNED
+        highest = MASK_PER_CHANNEL if self.draft < 5 else PRUNED  # A.6
         c.check(validity_class <= highest, f"class of validity {validity_class} is reserved")
-        c.check(doublings == 0 or self.draft != 1 and self.ratio > 0, f"{doublings} doublings of the sampling ratio")
+        doubled = self.draft != 1 and self.ratio > 0 and validity_class != PRUNED  # 3.8, A.6
+        c.check(doublings == 0 or doubled, f"{doublings} doublings of the sampling ratio")
         self.doublings[number] = doublings
         coded = c.bytes(length - 5)
         first, shape = self.blocks[number]
@@ -452,7 +455,7 @@ class File:
         else:
             coder = RangeDecoder(coded, self.probabilities)
             valid[:] = masks(coder, validity_class, self.channels, *self.horizon(first, shape))
-            if self.tells_zeros:
+            if self.has_zeros:
                 zero = exact_zeros(coder, valid)
             before = None
             for channel in range(self.channels):
@@ -563,7 +566,7 @@ class File:
         return *(np.where(zero, x.dtype.type(0), x) for x in self.inverse_tone_map(log)), valid
 
     def table(self):
-        """4: the whole table: binary32 values, binary64 values / scale, validity, each [channel][axes...]."""
+        """4: the full table: binary32 values, binary64 values / scale, validity, each [channel][axes...]."""
         whole = (self.channels,) + self.shape
         values, scaled, valid = np.empty(whole, F32), np.empty(whole, F64), np.empty(whole, np.uint8)
         scale = np.array(self.scale, F64).reshape(-1, 1, 1, 1, 1)
@@ -576,7 +579,7 @@ class File:
         return values.reshape(shape), scaled.reshape(shape), valid.reshape(shape)
 
     def exact_values(self, number):
-        """4.12: one block of a lossless file: (bits of the source's binary64 values, validity), [channel][axes]."""
+        """4.12: one block of a lossless file: (bits of the source values, validity), [channel][axes]."""
         if self.parts is None:
             self.exct()
         begin, length = self.parts[number]
@@ -586,13 +589,13 @@ class File:
         c.check(zlib.crc32(struct.pack("<I", number) + coded) == c.get("I", "CRC"), "CRC is wrong")
         coder = RangeDecoder(coded, [32768] * X_CONTEXTS)
         _, values, valid = self.values(number)
-        c.check(number not in self.pruned, "the block was pruned, exact values need what its record told")
+        c.check(number not in self.pruned, "the block was pruned, source values need what its record held")
         bits = exact_bits(coder, values, valid, self.usual, self.scale, self.eps, c)
         c.check(coder.pos >= len(coded), "not all coded bytes are used")
         return bits, valid
 
     def exact_table(self):
-        """4.12: the source's values of the whole table, binary64 [channel][axes...]."""
+        """4.12: the source values of the full table, binary64 [channel][axes...]."""
         bits = np.empty((self.channels,) + self.shape, np.uint64)
         for number, (first, shape) in enumerate(self.blocks):
             bits[(slice(None),) + tuple(slice(f, f + n) for f, n in zip(first, shape))] = self.exact_values(number)[0]
@@ -699,16 +702,16 @@ def splitmix64(state):
 
 
 class Channel:
-    """4.6: what the next channel sees of this one: q, capped magnitudes (with dependent quantisation indices) and
-    rows, each only where nonzero."""
+    """4.6, 4.11: what the next component or channel sees of this one: q, capped magnitudes (with dependent quantisation
+    quantiser indices) and rows, each only where nonzero."""
 
     def __init__(self):
         self.values, self.m, self.rows = {}, Counter(), Counter()  # of places that are not there: 0
 
 
-def coefficients(coder, channel, shape, before, cursor, dependent=False):
-    """4.6, steps 1 to 4: the coefficients of one channel but the one at index 0; 4.5 if quantisation is dependent."""
-    g, now = min(channel, 2), Channel()
+def coefficients(coder, component, shape, before, cursor, dependent=False):
+    """4.6, steps 1 to 4: the coefficients of one component but the one at index 0; 4.5 if quantisation is dependent."""
+    g, now = min(component, 2), Channel()
     if not coder.bit(ANY + g):  # 1
         return now
     extents = []  # 2
@@ -718,13 +721,13 @@ def coefficients(coder, channel, shape, before, cursor, dependent=False):
         for _ in range(min(b, 4)):
             node = 2 * node + coder.bit(EXTENT + (g * 4 + axis) * 16 + node)
         value = (node - (1 << min(b, 4))) << (b - min(b, 4)) | coder.raw(b - min(b, 4))
-        cursor.check(value < n, f"channel {channel}: extent {value + 1} of axis {axis} is above {n}")
+        cursor.check(value < n, f"component {component}: extent {value + 1} of axis {axis} is above {n}")
         extents.append(value + 1)
     m, rows = now.m, now.rows
     for i, j, k in itertools.product(*map(range, extents[:3])):  # 3
         near = rows[i, j, k - 1] + rows[i, j - 1, k]
         around = rows[i, j - 1, k + 1] + rows[i - 1, j, k]
-        sister = before.rows[i, j, k] if channel else 2
+        sister = before.rows[i, j, k] if component else 2
         if not coder.bit(ROW + ((g * 3 + near) * 3 + around) * 3 + sister):
             continue
         rows[i, j, k] = 1
@@ -733,15 +736,15 @@ def coefficients(coder, channel, shape, before, cursor, dependent=False):
             total = (2 * (m[i, j, k, l - 1] + m[i, j, k - 1, l] + m[i, j - 1, k, l])
                      + m[i, j, k, l - 2] + m[i, j, k - 1, l + 1] + m[i, j - 1, k, l + 1]
                      + m[i, j - 1, k + 1, l] + m[i - 1, j, k, l])
-            sister = before.m[i, j, k, l] if channel else 0
+            sister = before.m[i, j, k, l] if component else 0
             place = min(3, 4 * (i + j + k + l) // sum(extents))
             significant = (D_SIGNIFICANT if state >= 2 else SIGNIFICANT) + ((g * 3 + min(sister, 2)) * 4 + place) * 12
-            index = 0  # 4.5; without dependent quantisation the magnitude
+            index = 0  # the quantiser index of 4.5; without dependent quantisation the magnitude
             if coder.bit(significant + level(total)):
                 exponent = EXPONENT + (g * 8 + min(7, max(0, level(total + 3 * sister) - 3))) * 25
                 index = 1 + number(coder, exponent, MANTISSA, cursor)
                 magnitude = 2 * index - (state >= 2) if dependent else index
-                cursor.check(magnitude <= 1 << 24, f"channel {channel}: a magnitude of more than 2^24")
+                cursor.check(magnitude <= 1 << 24, f"component {component}: a magnitude of more than 2^24")
                 now.values[i, j, k, l] = -magnitude if coder.raw(1) else magnitude
                 m[i, j, k, l] = min(255, index)
             if dependent:
@@ -755,7 +758,7 @@ def level(x):
 
 
 def number(coder, exponent, mantissa, cursor):
-    """4.6, step 4: u, a magnitude or an index less 1; in 3.5 the number itself."""
+    """4.6, step 4: u, a magnitude or a quantiser index less 1; in 3.5 the number itself."""
     b = 0
     while coder.bit(exponent + b):
         b += 1
@@ -885,9 +888,9 @@ def exact_zeros(coder, valid):
         elif any_zero:  # 3
             for i, j, k, l in np.argwhere(mask):
                 left, second = now[i, j, k, l - 1] if l else 0, now[i, j, k, l - 2] if l > 1 else 0
-                above, beyond = now[i, j, k - 1, l] if k else 0, now[i, j - 1, k, l] if j else 0
+                above, front = now[i, j, k - 1, l] if k else 0, now[i, j - 1, k, l] if j else 0
                 sister = zero[channel - 1, i, j, k, l] if channel else 0
-                context = left + 2 * above + 4 * beyond + 8 * sister + 16 * second
+                context = left + 2 * above + 4 * front + 8 * sister + 16 * second
                 now[i, j, k, l] = coder.bit(ZEROS + 8 + int(context))
     return zero
 
@@ -906,8 +909,8 @@ def ordered(bits, w):
     return bits ^ high if bits < high else bits ^ (2 * high - 1)
 
 
-def near(coder, other, w, contexts, kind, cursor):
-    """4.12: (number, length) of a number of w bits that is coded near another; contexts: those of the length."""
+def against(coder, other, w, contexts, kind, cursor):
+    """4.12: (number, length) of a number of w bits that is coded against another; contexts: those of the length."""
     length = tree(coder, contexts, 6) - 64
     cursor.check(length < w, f"{length} bits of a difference of {w} bits")
     d = min(length, 1)
@@ -934,7 +937,7 @@ def exact_bits(coder, values, valid, usual, scale, eps, cursor):
             length = 0
             for place in missing:
                 contexts = X_MISSING_LENGTH + 64 * (length > 0)
-                now[tuple(place)], length = near(coder, usual[channel], 64, contexts, 1, cursor)
+                now[tuple(place)], length = against(coder, usual[channel], 64, contexts, 1, cursor)
         errors, lengths = {}, {}
         if mask.any():
             per_sr, zeros, weighted = coder.raw(1), coder.raw(6), coder.raw(1)  # 2
@@ -962,7 +965,7 @@ def exact_bits(coder, values, valid, usual, scale, eps, cursor):
                 level = (3 + lengths.get((i, j, k, l - 1), last) + lengths.get((i, j, k - 1, l), last)  # 4
                          + lengths.get((i, j - 1, k, l), last) + sister_lengths.get((i, j, k, l), last)) // 4
                 other = as_bits.unpack(as_number.pack(predicted))[0] + (1 << zeros) // 2 >> zeros
-                upper, last = near(coder, other, 64 - zeros, X_LENGTH + 64 * level, 0, cursor)
+                upper, last = against(coder, other, 64 - zeros, X_LENGTH + 64 * level, 0, cursor)
                 lengths[i, j, k, l] = last
                 now[i, j, k, l] = bits = upper << zeros
                 x = as_number.unpack(as_bits.pack(bits))[0]
@@ -979,7 +982,7 @@ def exact_bits(coder, values, valid, usual, scale, eps, cursor):
 # ---------------------------------------------------------------------------------------------------------- command
 
 def sums(file, exact):
-    """The three CRC-32s of a file, in hexadecimal, and that of the exact values if asked for."""
+    """The three CRC-32s of a file, in hexadecimal, and that of the source values if asked for."""
     for name in {b"META", b"RECS"} & set(file.sections):  # 3.1: the others have been checked
         file.section(name.decode())
     found = [f"{zlib.crc32(a.astype(t).tobytes()):08x}" for a, t in zip(file.table(), ("<f4", "<f8", "u1"))]
