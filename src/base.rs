@@ -2,6 +2,7 @@
 
 pub(crate) mod bits;
 pub(crate) mod budget;
+pub mod bytes;
 pub mod error;
 #[doc(hidden)]
 pub mod excerpt;

@@ -14,6 +14,7 @@ mod tests;
 mod values;
 
 use crate::base::budget::{Budget, Call, Fault, Held};
+use crate::base::bytes::Bytes;
 use crate::base::error::{Error, Result};
 use crate::codec::range::Decoder;
 use crate::codec::sample::{MAX_DOUBLINGS, Sampling};
@@ -36,20 +37,20 @@ pub(crate) use self::rebuild::{CONTEXTS, CORRECTIONS, MASKS, without_zeros};
 pub(crate) use self::rebuild::{Header, ZEROS, contexts};
 
 /// An open file over bytes in memory or in a map. Shared freely between threads; decoding takes `&self`.
-pub struct Reader<D> {
+pub struct Reader<D = Bytes> {
     data: D,
     limits: Limits,
     directory: Directory,
     header: Header,
     index: Index,
-    pruned: Pruned,
+    pruned: PrunedPolicy,
     /// Of all calls together; `None` where each has its own.
     budget: Option<Budget<'static>>,
 }
 
 /// What a decoder makes of blocks that were pruned from a file ([`Reader::with_pruned`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Pruned {
+pub enum PrunedPolicy {
     /// An error, [`Error::Pruned`].
     #[default]
     Refuse,
@@ -70,14 +71,14 @@ pub enum State {
 }
 
 #[cfg(feature = "mmap")]
-impl Reader<memmap2::Mmap> {
+impl Reader {
     /// Maps and opens a file. See [`crate::base::map::map_file`] on files that others change.
     ///
     /// # Errors
     /// As [`Reader::open`], naming the file.
     pub fn open_path(path: impl AsRef<std::path::Path>) -> Result<Self> {
         let path = path.as_ref();
-        Reader::open(crate::base::map::map_file(path)?).map_err(|e| e.in_file(path))
+        Reader::open(Bytes::from(crate::base::map::map_file(path)?)).map_err(|e| e.in_file(path))
     }
 }
 
@@ -140,16 +141,16 @@ impl<D: AsRef<[u8]>> Reader<D> {
             true => Index::read(index, partition, channels, records)?,
             false => Index::read_plain(index, partition.block_count(), channels, records)?,
         };
-        Ok(Reader { data, limits, directory, header, index, pruned: Pruned::default(), budget: None })
+        Ok(Reader { data, limits, directory, header, index, pruned: PrunedPolicy::default(), budget: None })
     }
 
     /// A reader of parts that were put together from a damaged file.
     pub(crate) fn of(data: D, limits: Limits, directory: Directory, header: Header, index: Index) -> Reader<D> {
-        Reader { data, limits, directory, header, index, pruned: Pruned::default(), budget: None }
+        Reader { data, limits, directory, header, index, pruned: PrunedPolicy::default(), budget: None }
     }
 
     /// The same with another answer for blocks that were pruned.
-    pub fn with_pruned(self, pruned: Pruned) -> Reader<D> {
+    pub fn with_pruned(self, pruned: PrunedPolicy) -> Reader<D> {
         Reader { pruned, ..self }
     }
 
@@ -339,7 +340,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
     /// The record of a block that is to be decoded.
     fn record_to_decode(&self, block: usize) -> Result<Record<'_>> {
         let record = self.record(block)?;
-        if record.class == ValidityClass::Pruned && self.pruned == Pruned::Refuse {
+        if record.class == ValidityClass::Pruned && self.pruned == PrunedPolicy::Refuse {
             return Err(self.gone(block));
         }
         Ok(record)

@@ -36,7 +36,7 @@ use crate::codec::tone::tone_map;
 use crate::format::header::Coding;
 use crate::format::metadata::Metadata;
 use crate::format::{EPS_RANGE, Limits, STEP_RANGE};
-use crate::table::BrdfTable;
+use crate::table::Table;
 use crate::table::block::Partition;
 use blocks::{Quantized, fill_empty_means, shrink};
 use bound::Bound;
@@ -383,12 +383,12 @@ impl Encoder {
     /// # Errors
     /// `InvalidArgument` if a setting is out of range or no entry is valid; `ContractNotMet` if the contract cannot be
     /// kept, with the best that was reached.
-    pub fn encode(&self, table: &BrdfTable) -> Result<Encoded> {
+    pub fn encode(&self, table: &Table) -> Result<Encoded> {
         self.encode_with(table, &|_| {})
     }
 
     /// As [`Encoder::encode`]; `progress` is called with the share of the work done, 0 to 1, from any thread.
-    pub fn encode_with(&self, table: &BrdfTable, progress: &(dyn Fn(f64) + Sync)) -> Result<Encoded> {
+    pub fn encode_with(&self, table: &Table, progress: &(dyn Fn(f64) + Sync)) -> Result<Encoded> {
         let start = Instant::now();
         self.check()?;
         if !table.valid().contains(&true) {
@@ -409,7 +409,7 @@ impl Encoder {
     }
 
     /// The table made ready for blocks, if every valid entry counts: with a grazing profile where that costs less.
-    fn dense(&self, table: &BrdfTable, transform: &ChannelTransform) -> Result<Option<Dense>> {
+    fn dense(&self, table: &Table, transform: &ChannelTransform) -> Result<Option<Dense>> {
         if self.sampling != Sampling::Every || self.whole_table() {
             return Ok(None);
         }
@@ -426,7 +426,7 @@ impl Encoder {
     }
 
     /// One encode at the encoder's step; `dense` is the table made ready for it, if that is to be.
-    fn trial(&self, table: &BrdfTable, dense: Option<&Dense>, progress: &(dyn Fn(f64) + Sync)) -> Result<Trial> {
+    fn trial(&self, table: &Table, dense: Option<&Dense>, progress: &(dyn Fn(f64) + Sync)) -> Result<Trial> {
         let transform = self.choose_transform(table);
         let (partition, share) = self.choose_partition(table, &transform, dense, progress)?;
         self.encode_partition(table, transform, dense, partition, &|done| progress(share + (1.0 - share) * done))
@@ -441,7 +441,7 @@ impl Encoder {
     /// The table recovered as a whole, if that is what the settings ask for.
     fn estimate(
         &self,
-        table: &BrdfTable,
+        table: &Table,
         transform: &ChannelTransform,
         partition: &Partition,
         progress: &(dyn Fn(f64) + Sync),
@@ -481,7 +481,7 @@ impl Encoder {
     /// The encode once the partition is known.
     fn encode_partition(
         &self,
-        table: &BrdfTable,
+        table: &Table,
         transform: ChannelTransform,
         dense: Option<&Dense>,
         partition: Partition,
@@ -538,7 +538,7 @@ impl Encoder {
     }
 
     /// The largest error to keep by corrections, if that is the contract.
-    fn bound(&self, table: &BrdfTable) -> Result<Option<Bound>> {
+    fn bound(&self, table: &Table) -> Result<Option<Bound>> {
         let Some(Contract::MaxError(max_error)) = self.contract else { return Ok(None) };
         let n = table.grid().positions();
         let valid = table.values().iter().zip(table.valid()).enumerate().filter(|(_, (_, valid))| **valid);

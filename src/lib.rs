@@ -31,12 +31,12 @@
 //!
 //! ```
 //! # #[cfg(feature = "encode")] {
-//! # use csbrdf::{decode::Reader, encode::Encoder, table::grid::Grid, table::synth::Recipe};
+//! # use csbrdf::{encode::Encoder, table::grid::Grid, table::synth::Recipe};
 //! # let table = Recipe::named("matte").unwrap().merl()?;
 //! # let bytes = Encoder::new().block_shape(&[15, 15, 30]).encode(&table)?.bytes;
-//! use csbrdf::brdf::eval::Brdf;
+//! use csbrdf::Brdf;
 //!
-//! let brdf = Brdf::open(Reader::open(bytes)?)?;
+//! let brdf = Brdf::from_bytes(bytes)?;
 //! let [r, g, b] = brdf.eval([0.3, 0.0, 0.9], [-0.5, 0.1, 0.8])?; // 1/sr
 //! assert!(r > 0.0 && g > 0.0 && b > 0.0);
 //! # }
@@ -74,4 +74,9 @@ pub mod format;
 pub mod io;
 pub mod table;
 
+pub use base::bytes::Bytes;
 pub use base::error::{Error, Result};
+pub use brdf::{Brdf, BrdfOptions};
+pub use decode::{PrunedPolicy, Reader};
+pub use format::Limits;
+pub use table::Table;

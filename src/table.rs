@@ -15,13 +15,13 @@ use crate::table::grid::Grid;
 /// Layout: one plane per channel, each with the axes of the grid in order, the last axis fastest.
 /// Values are in the units of the source; times the channel's `scale` they are BRDF values in 1/sr.
 #[derive(Clone, Debug, PartialEq)]
-pub struct BrdfTable {
+pub struct Table {
     grid: Grid,
     values: Vec<f64>,
     valid: Vec<bool>,
 }
 
-impl BrdfTable {
+impl Table {
     /// A table of the given values; an entry is valid where it is finite and not negative.
     ///
     /// NaN, infinite and negative entries are how measured sets mark what could not be measured; they become
@@ -29,16 +29,16 @@ impl BrdfTable {
     ///
     /// # Errors
     /// `InvalidArgument` if the number of values is not positions times channels.
-    pub fn from_values(grid: Grid, values: Vec<f64>) -> Result<BrdfTable> {
+    pub fn from_values(grid: Grid, values: Vec<f64>) -> Result<Table> {
         let valid = values.iter().map(|v| v.is_finite() && *v >= 0.0).collect();
-        BrdfTable::from_parts(grid, values, valid)
+        Table::from_parts(grid, values, valid)
     }
 
     /// A table of values and validity, both positions times channels.
     ///
     /// # Errors
     /// `InvalidArgument` if a length is wrong or an entry marked valid is negative or not finite.
-    pub fn from_parts(grid: Grid, values: Vec<f64>, valid: Vec<bool>) -> Result<BrdfTable> {
+    pub fn from_parts(grid: Grid, values: Vec<f64>, valid: Vec<bool>) -> Result<Table> {
         let expected = grid.positions() * grid.channels().len();
         if values.len() != expected || valid.len() != expected {
             return Err(Error::InvalidArgument(format!(
@@ -50,7 +50,7 @@ impl BrdfTable {
         if let Some(i) = (0..expected).find(|&i| valid[i] && !(values[i].is_finite() && values[i] >= 0.0)) {
             return Err(Error::InvalidArgument(format!("entry {i} is marked valid but holds {}", values[i])));
         }
-        Ok(BrdfTable { grid, values, valid })
+        Ok(Table { grid, values, valid })
     }
 
     /// Shape, axes and channels.
@@ -96,11 +96,11 @@ mod tests {
         grid = Grid::new(grid.axes()[..1].to_vec(), Grid::rgb_channels([1.0; 3])).unwrap();
         let mut values = vec![1.0; 270];
         values[..4].copy_from_slice(&[f64::NAN, f64::INFINITY, -1.0, -0.0]);
-        let table = BrdfTable::from_values(grid.clone(), values.clone()).unwrap();
+        let table = Table::from_values(grid.clone(), values.clone()).unwrap();
         assert_eq!(&table.valid()[..5], &[false, false, false, true, true]);
         assert_eq!(table.valid_count(), 267);
-        assert!(BrdfTable::from_parts(grid.clone(), values.clone(), vec![true; 270]).is_err());
+        assert!(Table::from_parts(grid.clone(), values.clone(), vec![true; 270]).is_err());
         values.pop();
-        assert!(BrdfTable::from_values(grid, values).is_err());
+        assert!(Table::from_values(grid, values).is_err());
     }
 }

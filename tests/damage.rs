@@ -6,12 +6,12 @@ use csbrdf::decode::Reader;
 use csbrdf::encode::contract::Contract;
 use csbrdf::encode::{Encoder, Preset};
 use csbrdf::format::{END_MARKER, Limits, MAGIC};
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 use csbrdf::table::grid::Grid;
 use csbrdf::table::synth::Recipe;
 use std::sync::OnceLock;
 
-fn table() -> BrdfTable {
+fn table() -> Table {
     let grid = Grid::merl().with_lengths(&[10, 12, 16]).unwrap();
     Recipe { holes: 0.03, ..Recipe::named("satin-paint").unwrap() }.synthesise(&grid).unwrap()
 }

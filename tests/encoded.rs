@@ -19,13 +19,13 @@ use csbrdf::encode::contract::Contract;
 use csbrdf::codec::sample::Sampling;
 use csbrdf::edit::prune::Pruner;
 use csbrdf::encode::{Effort, Encoder, Preset};
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 use csbrdf::table::grid::{Axis, AxisName, Channel, Grid, Mapping};
 use csbrdf::table::synth::Recipe;
 use sha2::{Digest, Sha256};
 
 /// MERL's axes with fewer bins; the same with an azimuth of the half vector and seven wavelengths.
-fn tables() -> Vec<(&'static str, BrdfTable)> {
+fn tables() -> Vec<(&'static str, Table)> {
     let small = Grid::merl().with_lengths(&[30, 30, 60]).unwrap();
     let of = |name: &str, noise, holes| Recipe { noise, holes, ..Recipe::named(name).unwrap() };
     let quarter = std::f64::consts::FRAC_PI_2;
@@ -105,7 +105,7 @@ fn sums() -> String {
     text
 }
 
-fn fast_bytes(table: &BrdfTable) -> Vec<u8> {
+fn fast_bytes(table: &Table) -> Vec<u8> {
     Encoder::new().effort(Effort::Fast).encode(table).unwrap().bytes
 }
 

@@ -7,9 +7,9 @@
 
 use std::path::Path;
 
-use csbrdf::brdf::eval::Brdf;
+use csbrdf::BrdfOptions;
 use csbrdf::codec::sample::SplitMix64;
-use csbrdf::decode::{Origin, Pruned, Reader};
+use csbrdf::decode::{Origin, PrunedPolicy, Reader};
 use csbrdf::table::coords::Lookup;
 
 /// The lines of a list: file, then checksums in hexadecimal.
@@ -43,7 +43,8 @@ fn golden_files_decode_to_their_bits() {
     let mut wrong = Vec::new();
     for (name, sums, _) in list {
         let bytes = read(&name);
-        let reader = Reader::open(&bytes[..]).unwrap_or_else(|e| panic!("{name}: {e}")).with_pruned(Pruned::Coarse);
+        let reader =
+            Reader::open(&bytes[..]).unwrap_or_else(|e| panic!("{name}: {e}")).with_pruned(PrunedPolicy::Coarse);
         assert!(reader.verify().is_empty(), "{name}");
         let table = reader.decode_table().unwrap();
         let double: Vec<u8> = table.values().iter().flat_map(|v| v.to_le_bytes()).collect();
@@ -96,19 +97,19 @@ fn evaluations_are_as_they_were() {
     let mut got = Vec::new();
     for (name, ..) in expected() {
         let bytes = read(&name);
-        let open = || Brdf::open(Reader::open(&bytes[..]).unwrap().with_pruned(Pruned::Coarse));
-        if open().is_err() {
+        let options = BrdfOptions::new().pruned(PrunedPolicy::Coarse);
+        if options.from_bytes(bytes.clone()).is_err() {
             // Axes that are no angles of directions.
             continue;
         }
         let crcs = [Lookup::Linear, Lookup::Nearest].map(|lookup| {
-            let brdf = open().unwrap().with_lookup(lookup);
+            let brdf = options.lookup(lookup).from_bytes(bytes.clone()).unwrap();
             let channels = brdf.reader().grid().channels().len();
             let mut many = vec![0.0; wi.len() * channels];
             brdf.eval_many(&wi, &wo, &mut many).unwrap();
             assert!(many.iter().any(|v| *v > 0.0), "{name}");
             // Without room no coefficients are kept: nearly every value has its block rebuilt, so not of every pair.
-            let brdf = open().unwrap().with_lookup(lookup).with_cache_bytes(0);
+            let brdf = options.lookup(lookup).cache_bytes(0).from_bytes(bytes.clone()).unwrap();
             let mut value = vec![0.0; channels];
             for (i, many) in many.chunks_exact(channels).enumerate().step_by(16) {
                 brdf.eval_into(wi[i], wo[i], &mut value).unwrap();

@@ -4,7 +4,7 @@
 
 use csbrdf::codec::sample::{Sampling, SplitMix64};
 use csbrdf::encode::{Encoder, Preset};
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 use csbrdf::table::grid::Grid;
 use std::path::{Path, PathBuf};
 
@@ -19,7 +19,7 @@ fn data() -> Option<PathBuf> {
 }
 
 /// A material of the factored fit (Bagher et al. 2016) on MERL's grid, with multiplicative noise.
-fn fitted(folder: &Path, material: &str, noise: f64) -> BrdfTable {
+fn fitted(folder: &Path, material: &str, noise: f64) -> Table {
     let names = std::fs::read_to_string(folder.join("merl-factors.names")).unwrap();
     let number = names.split_whitespace().position(|name| name == material).expect("a fitted material");
     let bytes = std::fs::read(folder.join("merl-factors.f32")).unwrap();
@@ -54,7 +54,7 @@ fn fitted(folder: &Path, material: &str, noise: f64) -> BrdfTable {
             values[c * n + i] = (at(0) + specular) * (noise * normal).exp() / grid.channels()[c].scale;
         }
     }
-    BrdfTable::from_values(grid, values).unwrap()
+    Table::from_values(grid, values).unwrap()
 }
 
 #[test]

@@ -6,7 +6,7 @@ use csbrdf::codec::sample::{Sampling, SplitMix64};
 use csbrdf::decode::{Origin, Reader};
 use csbrdf::encode::{Channels, Encoder, Preset};
 use csbrdf::format::record::ValidityClass;
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 use csbrdf::table::grid::{Axis, AxisName, Channel, Grid, Mapping};
 use csbrdf::table::synth::Recipe;
 use proptest::prelude::*;
@@ -39,14 +39,14 @@ fn grid(lens: &[usize], channels: usize) -> Grid {
     Grid::new(axes, (0..channels).map(channel).collect()).unwrap()
 }
 
-fn material(lens: [usize; 3], name: &str) -> BrdfTable {
+fn material(lens: [usize; 3], name: &str) -> Table {
     let axes = grid(&lens, 3).axes().to_vec();
     let rgb = Grid::new(axes, Grid::rgb_channels([1.0; 3])).unwrap();
     Recipe { noise: 0.01, holes: 0.02, ..Recipe::named(name).unwrap() }.synthesise(&rgb).unwrap()
 }
 
 /// Everything that must hold of any table and its file.
-fn check(table: &BrdfTable, encoder: &Encoder, eps: f64) -> Reader<Vec<u8>> {
+fn check(table: &Table, encoder: &Encoder, eps: f64) -> Reader<Vec<u8>> {
     let encoded = encoder.encode(table).unwrap();
     let reader = Reader::open(encoded.bytes).unwrap();
     assert!(reader.verify().is_empty());
@@ -176,7 +176,7 @@ fn grids_of_one_to_four_axes_and_many_channels() {
         let grid = grid(lens, channels);
         let n = grid.positions() * channels;
         let values = (0..n).map(|i| if i % 11 == 3 { -1.0 } else { (i as f64 * 0.01).sin().abs() }).collect();
-        let table = BrdfTable::from_values(grid, values).unwrap();
+        let table = Table::from_values(grid, values).unwrap();
         check(&table, &Encoder::new(), 1e-3);
     }
 }
@@ -205,7 +205,7 @@ fn extreme_tables_stay_finite() {
         ("negative zero", all(-0.0)),
     ];
     for (name, values) in tables {
-        let table = BrdfTable::from_values(grid(&lens, 3), values).unwrap();
+        let table = Table::from_values(grid(&lens, 3), values).unwrap();
         for encoder in [Encoder::new(), Encoder::new().preset(Preset::Paper), Encoder::new().basis(Basis::Dft)] {
             let reader = check(&table, &encoder.block_shape(&[4, 4, 5]), 1e-3);
             assert!(reader.block_count() == 8, "{name}");
@@ -235,7 +235,7 @@ fn channels_may_have_masks_of_their_own() {
     values[40] = -1.0;
     let n = base.grid().positions();
     values[2 * n..].fill(f64::NAN);
-    let table = BrdfTable::from_values(base.grid().clone(), values).unwrap();
+    let table = Table::from_values(base.grid().clone(), values).unwrap();
     let reader = check(&table, &Encoder::new().block_shape(&[5, 6, 8]), 1e-3);
     assert_eq!(reader.block_info(0).unwrap().class, ValidityClass::MaskPerChannel);
 }
@@ -244,7 +244,7 @@ fn channels_may_have_masks_of_their_own() {
 fn blocks_beyond_the_limits_are_not_written() {
     let grid = grid(&[4, 128, 64], 600);
     let n = grid.positions() * 600;
-    let table = BrdfTable::from_values(grid, vec![0.5; n]).unwrap();
+    let table = Table::from_values(grid, vec![0.5; n]).unwrap();
     let refused = Encoder::new().block_shape(&[4, 128, 64]).encode(&table).unwrap_err();
     assert!(refused.to_string().contains("600 channels"), "{refused}");
     check(&table, &Encoder::new().block_shape(&[4, 8, 8]), 1e-3);
@@ -268,7 +268,7 @@ fn settings_out_of_range_are_refused() {
     refused(Encoder::new().block_shape(&[1, 1, 5, 5, 5]));
     let too_fine = Encoder::new().quality(1e-10).encode(&table).unwrap_err().to_string();
     assert!(too_fine.contains("too fine"), "{too_fine}");
-    let empty = BrdfTable::from_values(grid(&[4, 4, 4], 3), vec![-1.0; 192]).unwrap();
+    let empty = Table::from_values(grid(&[4, 4, 4], 3), vec![-1.0; 192]).unwrap();
     assert!(Encoder::new().encode(&empty).unwrap_err().to_string().contains("no valid entry"));
 }
 
@@ -290,7 +290,7 @@ proptest! {
             })
             .collect();
         values[0] = 1.0;
-        let table = BrdfTable::from_values(grid, values).unwrap();
+        let table = Table::from_values(grid, values).unwrap();
         let sampling = ratio.map_or(Sampling::Every, |r| Sampling::from_ratio(r).unwrap());
         let basis = if dft { Basis::Dft } else { Basis::Dct };
         check(&table, &Encoder::new().basis(basis).sampling(sampling).block_shape(&block).quality(step).seed(seed), 1e-3);
@@ -301,7 +301,7 @@ proptest! {
 mod lossless {
     use csbrdf::decode::Reader;
     use csbrdf::encode::{Encoder, Preset};
-    use csbrdf::table::BrdfTable;
+    use csbrdf::table::Table;
     use csbrdf::table::grid::{Axis, Grid};
     use proptest::prelude::*;
 
@@ -320,7 +320,7 @@ mod lossless {
 
     fn check(bits: &[u64], encoder: Encoder) {
         let grid = Grid::merl().with_lengths(&LENS).unwrap();
-        let table = BrdfTable::from_values(grid, bits.iter().map(|&b| f64::from_bits(b)).collect()).unwrap();
+        let table = Table::from_values(grid, bits.iter().map(|&b| f64::from_bits(b)).collect()).unwrap();
         let reader = Reader::open(encoder.lossless(true).encode(&table).unwrap().bytes).unwrap();
         assert!(reader.is_lossless() && reader.verify().is_empty());
         assert_eq!(reader.metadata().unwrap().encoder.unwrap()["lossless"], true);
@@ -363,7 +363,7 @@ mod lossless {
         let grid = Grid::merl();
         let axes: Vec<Axis> = grid.axes().iter().zip(LENS).map(|(&axis, len)| Axis { len, ..axis }).collect();
         let grid = Grid::new(axes, grid.channels().to_vec()).unwrap();
-        let table = BrdfTable::from_values(grid, bits.iter().map(|&b| f64::from_bits(b)).collect()).unwrap();
+        let table = Table::from_values(grid, bits.iter().map(|&b| f64::from_bits(b)).collect()).unwrap();
         // Both with the spare copy that lossless files always have.
         let encoder = Encoder::new().spare(true);
         let size = |lossless| encoder.clone().lossless(lossless).encode(&table).unwrap().bytes.len();

@@ -10,11 +10,11 @@ use csbrdf::decode::Reader;
 use csbrdf::edit::salvage::{Options, Outcome, Salvaged, repair, salvage, salvage_with};
 use csbrdf::encode::Encoder;
 use csbrdf::format::Limits;
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 use csbrdf::table::grid::Grid;
 use csbrdf::table::synth::Recipe;
 
-fn table() -> BrdfTable {
+fn table() -> Table {
     let grid = Grid::merl().with_lengths(&[10, 12, 16]).unwrap();
     Recipe { holes: 0.03, noise: 0.02, ..Recipe::named("satin-paint").unwrap() }.synthesise(&grid).unwrap()
 }

@@ -1,9 +1,9 @@
 //! One open file for many threads: the same bits as for one, whatever the cache throws out meanwhile. Golden files and the decoder
 //! alone, so that `tools/sanitize.sh` can watch it.
 
-use csbrdf::brdf::eval::Brdf;
 use csbrdf::codec::sample::SplitMix64;
-use csbrdf::decode::{Pruned, Reader, Scratch};
+use csbrdf::decode::{PrunedPolicy, Reader, Scratch};
+use csbrdf::{Brdf, BrdfOptions};
 
 const FILES: [&[u8]; 4] = [
     include_bytes!("data/v1/dct-dependent-profile.csbrdf"),
@@ -13,8 +13,8 @@ const FILES: [&[u8]; 4] = [
 ];
 const THREADS: u64 = 4;
 
-fn open(file: &'static [u8]) -> Brdf<&'static [u8]> {
-    Brdf::open(Reader::open(file).unwrap().with_pruned(Pruned::Coarse)).unwrap()
+fn open(file: &'static [u8], cache: usize) -> Brdf {
+    BrdfOptions::new().pruned(PrunedPolicy::Coarse).cache_bytes(cache).from_bytes(file).unwrap()
 }
 
 fn bits(values: &[f32]) -> Vec<u32> {
@@ -34,11 +34,11 @@ fn pairs(thread: u64, pairs: u64) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
 #[test]
 fn look_ups_of_many_threads_are_those_of_one() {
     for file in FILES {
-        let single = open(file);
+        let single = open(file, 64 << 20);
         let channels = single.reader().grid().channels().len();
         // Room for nothing, for a block or two, for everything: blocks come and go, and come once.
         for cache in [0, 1 << 14, usize::MAX] {
-            let shared = open(file).with_cache_bytes(cache);
+            let shared = open(file, cache);
             std::thread::scope(|scope| {
                 for thread in 0..THREADS {
                     let (single, shared) = (&single, &shared);
@@ -69,8 +69,8 @@ fn look_ups_of_many_threads_are_those_of_one() {
 #[test]
 fn blocks_that_many_threads_ask_for_first_are_those_of_one() {
     for file in FILES {
-        let reader = Reader::open(file).unwrap().with_pruned(Pruned::Coarse);
-        let expected = Reader::open(file).unwrap().with_pruned(Pruned::Coarse);
+        let reader = Reader::open(file).unwrap().with_pruned(PrunedPolicy::Coarse);
+        let expected = Reader::open(file).unwrap().with_pruned(PrunedPolicy::Coarse);
         std::thread::scope(|scope| {
             for thread in 0..THREADS as usize {
                 let (reader, expected) = (&reader, &expected);

@@ -18,7 +18,7 @@ use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use csbrdf::codec::sample::SplitMix64;
-use csbrdf::decode::{Pruned, Reader};
+use csbrdf::decode::{PrunedPolicy, Reader};
 use csbrdf::edit::salvage::{repair, salvage};
 use csbrdf::format::Limits;
 use rayon::prelude::*;
@@ -100,7 +100,7 @@ struct Good {
 
 impl Good {
     fn open(bytes: Vec<u8>) -> csbrdf::Result<Good> {
-        let reader = Reader::open(bytes.clone())?.with_pruned(Pruned::Coarse);
+        let reader = Reader::open(bytes.clone())?.with_pruned(PrunedPolicy::Coarse);
         let blocks = (0..reader.block_count()).map(|block| block_of(&reader, block)).collect::<csbrdf::Result<_>>()?;
         let sections = reader.directory().sections();
         let mut places: Vec<(String, Range<usize>)> = sections.iter().map(|s| (s.name(), s.range.clone())).collect();
@@ -177,7 +177,7 @@ impl Good {
         // What drafts before 4 have lost cannot be repaired.
         if let Ok(repaired) = repaired {
             met.wrong |= salvaged.is_whole() != (repaired.bytes == self.bytes);
-            let reader = Reader::open(repaired.bytes).map(|reader| reader.with_pruned(Pruned::Coarse));
+            let reader = Reader::open(repaired.bytes).map(|reader| reader.with_pruned(PrunedPolicy::Coarse));
             met.wrong |= !reader.is_ok_and(|reader| is_right(&reader));
         }
         met

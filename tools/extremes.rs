@@ -20,7 +20,7 @@ use csbrdf::encode::Encoder;
 use csbrdf::encode::l1::norm::Norm;
 use csbrdf::encode::l1::sampled::{Columns, SampledBasis};
 use csbrdf::encode::l1::spgl1::{Options, Solution, Solver};
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 
 const N: usize = 15;
 const SHAPE: [usize; 4] = [1, N, N, N];
@@ -60,7 +60,7 @@ fn main() -> Result<(), Failure> {
 }
 
 /// The columns of a table's row: what came of it, or why nothing did.
-fn outcome(table: &BrdfTable, encoder: &Encoder) -> String {
+fn outcome(table: &Table, encoder: &Encoder) -> String {
     let came = encoder.encode(table).and_then(|encoded| {
         let bytes = encoded.bytes.len();
         let errors = compare(table, &Reader::open(encoded.bytes)?.decode_table()?)?.overall;

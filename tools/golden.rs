@@ -5,7 +5,7 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::path::PathBuf;
 
-use csbrdf::brdf::eval::Brdf;
+use csbrdf::brdf::Brdf;
 use csbrdf::brdf::touched::Touched;
 use csbrdf::codec::fourier::Basis;
 use csbrdf::codec::sample::Sampling;
@@ -14,7 +14,7 @@ use csbrdf::edit::prune::Pruner;
 use csbrdf::encode::contract::Contract;
 use csbrdf::encode::{Encoder, Preset};
 use csbrdf::format::metadata::Metadata;
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 use csbrdf::table::block::Partition;
 use csbrdf::table::grid::{Axis, AxisName, Channel, Grid, MERL_SCALE, Mapping};
 use csbrdf::table::synth::Recipe;
@@ -72,7 +72,7 @@ fn later(bytes: &[u8]) -> Result<Vec<u8>, Failure> {
 fn pruned(bytes: &[u8]) -> Result<Vec<u8>, Failure> {
     let reader = Reader::open(bytes)?;
     let blocks: String = (0..reader.block_count()).filter(|b| b % 3 != 1).map(|b| format!("{b}\n")).collect();
-    let index = Brdf::open(Reader::open(bytes)?)?.touched().index_crc();
+    let index = Brdf::from_bytes(bytes.to_vec())?.touched().index_crc();
     let trace = format!("csbrdf trace 1\nblocks {} index {index:x}\n{blocks}", reader.block_count());
     Ok(Pruner::new().blocks(&Touched::from_text(&trace)?).detail(0.01).prune(&reader)?.bytes)
 }
@@ -89,7 +89,7 @@ fn linear(name: AxisName, len: usize, end: f64) -> Axis {
 }
 
 /// A table that grows towards grazing directions, as measured ones do: the root of both cosines divides it.
-fn grazing(grid: Grid) -> Result<BrdfTable, Failure> {
+fn grazing(grid: Grid) -> Result<Table, Failure> {
     let recipe = Recipe::named("satin-paint").ok_or("no such recipe")?;
     let table = Recipe { noise: 0.001, seed: 12, ..recipe }.synthesise(&grid)?;
     let mut values = table.values().to_vec();
@@ -102,10 +102,10 @@ fn grazing(grid: Grid) -> Result<BrdfTable, Failure> {
         let cosines = (middle - swing).max(0.02) * (middle + swing).max(0.02);
         *value *= if *value > 0.0 { cosines.powf(-0.5) } else { 1.0 };
     }
-    Ok(BrdfTable::from_parts(grid, values, table.valid().to_vec())?)
+    Ok(Table::from_parts(grid, values, table.valid().to_vec())?)
 }
 
-fn features() -> Result<Vec<(&'static str, Encoder, BrdfTable)>, Failure> {
+fn features() -> Result<Vec<(&'static str, Encoder, Table)>, Failure> {
     let recipe = |name: &str| Recipe::named(name).ok_or("no such recipe");
     let metadata = Metadata {
         name: Some("satin paint, synthetic".into()),
@@ -125,7 +125,7 @@ fn features() -> Result<Vec<(&'static str, Encoder, BrdfTable)>, Failure> {
     values[3] = -1.0;
     values[last..].fill(-1.0);
     (values[100], values[101]) = (1e300, 1e-300);
-    let extremes = BrdfTable::from_values(matte.grid().clone(), values)?;
+    let extremes = Table::from_values(matte.grid().clone(), values)?;
 
     let axes = vec![
         linear(AxisName::ThetaI, 4, FRAC_PI_2),
@@ -140,11 +140,11 @@ fn features() -> Result<Vec<(&'static str, Encoder, BrdfTable)>, Failure> {
         let p = i % n;
         if p % 17 == 5 { -1.0 } else { 0.1 + 0.05 * (p as f64 * 0.05).sin() + 0.002 * (i / n) as f64 }
     };
-    let spectral = BrdfTable::from_values(grid, (0..n * 20).map(value).collect())?;
+    let spectral = Table::from_values(grid, (0..n * 20).map(value).collect())?;
 
     let luminance = Channel { name: "luminance".into(), wavelength: None, scale: 2.0 };
     let line = Grid::new(vec![linear(AxisName::Other, 37, 1.0)], vec![luminance])?;
-    let line = BrdfTable::from_values(line, (0..37).map(|i| 1.0 / (1.0 + f64::from(i))).collect())?;
+    let line = Table::from_values(line, (0..37).map(|i| 1.0 / (1.0 + f64::from(i))).collect())?;
 
     // A step so coarse that logs end below ln(eps), and beyond what exp can hold in either precision.
     let axes = vec![
@@ -155,10 +155,10 @@ fn features() -> Result<Vec<(&'static str, Encoder, BrdfTable)>, Failure> {
     ];
     let grid = Grid::new(axes, vec![Channel { name: "Y".into(), wavelength: None, scale: 1e-3 }])?;
     let value = |i: usize| [1e300, 0.0, f64::MAX, 1e-300, 1.0, -1.0][i * i % 6];
-    let coarse = BrdfTable::from_values(grid, (0..120).map(value).collect())?;
+    let coarse = Table::from_values(grid, (0..120).map(value).collect())?;
 
     let short = Grid::new(vec![linear(AxisName::ThetaH, 5, FRAC_PI_2)], Grid::rgb_channels([1.0; 3]))?;
-    let short = BrdfTable::from_values(short, (0..15).map(|i| 0.1 + f64::from(i * i % 7)).collect())?;
+    let short = Table::from_values(short, (0..15).map(|i| 0.1 + f64::from(i * i % 7)).collect())?;
     let fine = recipe("mirror-like")?.synthesise(&small([6, 6, 8])?)?;
 
     // Few steps to the coefficients, many corrections: holes that differ by channel, four channels, spikes.
@@ -172,7 +172,7 @@ fn features() -> Result<Vec<(&'static str, Encoder, BrdfTable)>, Failure> {
         5 => 1e-9 * (i / n) as f64,
         p => 0.2 + 0.1 * (p as f64 * 0.3).sin() + 0.01 * (i / n) as f64,
     };
-    let spiky = BrdfTable::from_values(grid, (0..4 * n).map(value).collect())?;
+    let spiky = Table::from_values(grid, (0..4 * n).map(value).collect())?;
     let glossy = Recipe { noise: 0.02, ..recipe("rough-metal")? }.synthesise(&small([18, 18, 30])?)?;
     let corrected = |shape: &[usize], e| Encoder::new().block_shape(shape).contract(Contract::MaxError(e));
 
@@ -192,7 +192,7 @@ fn features() -> Result<Vec<(&'static str, Encoder, BrdfTable)>, Failure> {
             *value = 0.0;
         }
     }
-    let zeros = BrdfTable::from_values(steep.grid().clone(), values)?;
+    let zeros = Table::from_values(steep.grid().clone(), values)?;
     // Many digits, few digits in 1/sr, and marks of missing entries of many kinds.
     let mut values = recipe("satin-paint")?.synthesise(&small([8, 9, 10])?)?.values().to_vec();
     let n = values.len() / 3;
@@ -203,7 +203,7 @@ fn features() -> Result<Vec<(&'static str, Encoder, BrdfTable)>, Failure> {
     // In the first block only: the second has holes of one kind.
     let marked = values.iter_mut().enumerate().filter(|(i, _)| i % n < n / 2).step_by(41);
     marked.zip(marks.into_iter().cycle()).for_each(|((_, value), mark)| *value = mark);
-    let exact = BrdfTable::from_values(small([8, 9, 10])?, values)?;
+    let exact = Table::from_values(small([8, 9, 10])?, values)?;
     // Indices of all sizes, many of them, beside rows of few; a DFT; corrections on top; and drawn samples, whose integers do
     // not depend on each other.
     let rough =

@@ -11,7 +11,7 @@ use std::hint::black_box;
 use std::path::Path;
 use std::time::Instant;
 
-use csbrdf::brdf::eval::Brdf;
+use csbrdf::BrdfOptions;
 use csbrdf::codec::sample::SplitMix64;
 use csbrdf::decode::{Reader, Scratch};
 
@@ -164,7 +164,7 @@ fn measure(path: &Path) -> Result<(), Failure> {
     let channels = grid.channels().len();
     let mut value = vec![0.0; channels];
     let mut eval = |cache: usize, pairs: usize| -> Result<f64, Failure> {
-        let brdf = Brdf::open(Reader::open_path(path)?)?.with_cache_bytes(cache);
+        let brdf = BrdfOptions::new().cache_bytes(cache).open(path)?;
         let seconds = times(5, |_| {
             for (wi, wo) in wi.iter().zip(&wo).take(pairs) {
                 brdf.eval_into(*wi, *wo, &mut value)?;
@@ -177,7 +177,7 @@ fn measure(path: &Path) -> Result<(), Failure> {
     // Most of them decode a block.
     let (warm_eval, tight_eval) = (eval(usize::MAX, wi.len())?, eval(bytes / 10, 500)?);
     let many_eval = {
-        let brdf = Brdf::open(Reader::open_path(path)?)?.with_cache_bytes(usize::MAX);
+        let brdf = BrdfOptions::new().cache_bytes(usize::MAX).open(path)?;
         let mut values = vec![0.0; wi.len() * channels];
         let seconds = times(5, |_| Ok(brdf.eval_many(&wi, &wo, black_box(&mut values))?))?;
         quantile(&seconds, 0.5) / wi.len() as f64

@@ -9,12 +9,12 @@ use std::fmt;
 
 use crate::base::budget::Budget;
 use crate::base::error::Result;
-use crate::brdf::eval::Brdf;
+use crate::brdf::Brdf;
 use crate::decode::Reader;
 use crate::table::coords::closes;
 use crate::table::grid::{AxisName, Grid};
 #[cfg(feature = "encode")]
-use crate::{assess::render::Texels, table::BrdfTable, table::horizon::Horizon as Elevations};
+use crate::{assess::render::Texels, table::Table, table::horizon::Horizon as Elevations};
 pub use measure::{Albedo, Deviation, Horizon};
 
 /// Reciprocity is warned of above this rms of the log deviation: more than noise of a measurement.
@@ -133,7 +133,7 @@ impl Findings {
 /// # Errors
 /// `Corrupt` if a block is damaged, `Pruned` if one was left out, `LimitExceeded` if the table is above the caller's limit or takes
 /// more than a call may.
-pub fn lint_brdf<D: AsRef<[u8]>>(brdf: &Brdf<D>) -> Result<Findings> {
+pub fn lint_brdf(brdf: &Brdf) -> Result<Findings> {
     let (reader, call) = (brdf.reader(), brdf.reader().call());
     let shares = shares_of(reader, &call)?;
     let work = work_of_lookup(reader.grid());
@@ -154,7 +154,7 @@ fn work_of_lookup(grid: &Grid) -> u64 {
 /// # Errors
 /// `InvalidArgument` if the axes of the table are not angles of directions.
 #[cfg(feature = "encode")]
-pub fn lint_table(table: &BrdfTable) -> Result<Findings> {
+pub fn lint_table(table: &Table) -> Result<Findings> {
     let up = [0.0, 0.0, 1.0];
     if crate::table::coords::grid_coordinates(table.grid(), up, up).is_none() {
         let what = "the axes of the table do not say how directions map to the grid";

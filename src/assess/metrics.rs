@@ -6,7 +6,7 @@
 mod gini;
 
 use crate::base::error::{Error, Result};
-use crate::table::BrdfTable;
+use crate::table::Table;
 pub use gini::gini;
 
 /// The constant in the log error, 1/sr, unless another is given.
@@ -46,7 +46,7 @@ pub struct Comparison {
 /// # Errors
 /// `InvalidArgument` if the tables differ in shape, or in the number, names or wavelengths of their channels. Scales
 /// may differ: each table is brought to 1/sr by its own.
-pub fn compare(reference: &BrdfTable, other: &BrdfTable) -> Result<Comparison> {
+pub fn compare(reference: &Table, other: &Table) -> Result<Comparison> {
     compare_with_eps(reference, other, DEFAULT_EPS)
 }
 
@@ -54,7 +54,7 @@ pub fn compare(reference: &BrdfTable, other: &BrdfTable) -> Result<Comparison> {
 ///
 /// # Errors
 /// Those of [`compare`]; `InvalidArgument` if `eps` is not positive and finite.
-pub fn compare_with_eps(reference: &BrdfTable, other: &BrdfTable, eps: f64) -> Result<Comparison> {
+pub fn compare_with_eps(reference: &Table, other: &Table, eps: f64) -> Result<Comparison> {
     if !(eps.is_finite() && eps > 0.0) {
         return Err(Error::InvalidArgument(format!("eps must be positive and finite, not {eps}")));
     }
@@ -89,7 +89,7 @@ pub fn compare_with_eps(reference: &BrdfTable, other: &BrdfTable, eps: f64) -> R
     })
 }
 
-fn same_layout(a: &BrdfTable, b: &BrdfTable) -> Result<()> {
+fn same_layout(a: &Table, b: &Table) -> Result<()> {
     let (a, b) = (a.grid(), b.grid());
     if a.shape() != b.shape() {
         let shapes = (a.shape(), b.shape());
@@ -111,7 +111,7 @@ fn same_layout(a: &BrdfTable, b: &BrdfTable) -> Result<()> {
 }
 
 /// Channel and the two values in 1/sr of every entry valid in both, plane by plane.
-fn pairs<'a>(a: &'a BrdfTable, b: &'a BrdfTable) -> impl Iterator<Item = (usize, f64, f64)> + 'a {
+fn pairs<'a>(a: &'a Table, b: &'a Table) -> impl Iterator<Item = (usize, f64, f64)> + 'a {
     (0..a.grid().channels().len()).flat_map(move |c| {
         let scale = (a.grid().channels()[c].scale, b.grid().channels()[c].scale);
         let valid = a.valid_plane(c).iter().zip(b.valid_plane(c));
@@ -201,9 +201,9 @@ mod tests {
     use super::*;
     use crate::table::grid::Grid;
 
-    fn table(scale: [f64; 3], values: Vec<f64>) -> BrdfTable {
+    fn table(scale: [f64; 3], values: Vec<f64>) -> Table {
         let axis = crate::table::grid::Axis { len: values.len() / 3, ..Grid::merl().axes()[0] };
-        BrdfTable::from_values(Grid::new(vec![axis], Grid::rgb_channels(scale)).unwrap(), values).unwrap()
+        Table::from_values(Grid::new(vec![axis], Grid::rgb_channels(scale)).unwrap(), values).unwrap()
     }
 
     #[test]
@@ -259,7 +259,7 @@ mod tests {
         let mut channels = Grid::rgb_channels([1.0; 3]);
         channels[1].name = "X".into();
         let grid = Grid::new(a.grid().axes().to_vec(), channels).unwrap();
-        assert!(compare(&a, &BrdfTable::from_values(grid, vec![1.0; 6]).unwrap()).is_err());
+        assert!(compare(&a, &Table::from_values(grid, vec![1.0; 6]).unwrap()).is_err());
         assert!(compare_with_eps(&a, &a, 0.0).is_err() && compare_with_eps(&a, &a, f64::NAN).is_err());
     }
 }

@@ -204,7 +204,7 @@ mod tests {
     use super::*;
     use crate::decode::{Origin, Reader};
     use crate::encode::Encoder;
-    use crate::table::BrdfTable;
+    use crate::table::Table;
     use crate::table::coords::{Lookup, grid_coordinates, half_diff, taps};
     use proptest::prelude::*;
 
@@ -254,7 +254,7 @@ mod tests {
     fn the_positions_are_those_of_the_encoder() {
         let grid = small();
         let valid: Vec<bool> = measurable(&grid).unwrap().iter().map(Option::is_some).collect();
-        let table = BrdfTable::from_parts(grid.clone(), vec![1.0; 3 * valid.len()], valid.repeat(3)).unwrap();
+        let table = Table::from_parts(grid.clone(), vec![1.0; 3 * valid.len()], valid.repeat(3)).unwrap();
         let sampling = Sampling::from_ratio(0.1).unwrap();
         let plan = Plan::draw(&grid, sampling, 77, [7, 20, 15], None).unwrap();
         let encoder = Encoder::new().block_shape(&[7, 20, 15]).sampling(sampling).seed(77);

@@ -7,7 +7,7 @@ use crate::base::error::{Error, Result};
 use crate::codec::tone::tone_map;
 use crate::decode::Reader;
 use crate::encode::contract::{Contract, Figures};
-use crate::table::BrdfTable;
+use crate::table::Table;
 
 /// Pixels across the sphere of render PSNR.
 pub const PICTURE: usize = 128;
@@ -34,7 +34,7 @@ fn holds(measured: f64, stated: f64) -> bool {
 ///
 /// # Errors
 /// `InvalidArgument` if the table has another grid than the file; those of [`Reader::decode_table`].
-pub fn prove<D: AsRef<[u8]> + Sync>(original: &BrdfTable, reader: &Reader<D>) -> Result<Proof> {
+pub fn prove<D: AsRef<[u8]> + Sync>(original: &Table, reader: &Reader<D>) -> Result<Proof> {
     let grid = reader.grid();
     if grid != original.grid() {
         let shapes = (grid.shape(), original.grid().shape());
@@ -117,8 +117,8 @@ pub fn prove<D: AsRef<[u8]> + Sync>(original: &BrdfTable, reader: &Reader<D>) ->
 
 /// Sum of squared log errors, largest, and number of the valid entries of a block.
 fn block_errors<D: AsRef<[u8]>>(
-    original: &BrdfTable,
-    decoded: &BrdfTable,
+    original: &Table,
+    decoded: &Table,
     reader: &Reader<D>,
     number: usize,
 ) -> (f64, f64, usize) {

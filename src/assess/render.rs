@@ -17,7 +17,7 @@ pub mod trace;
 
 use std::f64::consts::PI;
 
-use crate::table::BrdfTable;
+use crate::table::Table;
 use light::{GOLDEN_TURN, LIGHTS};
 pub use picture::{Image, channel_psnr, difference, psnr, write_png};
 pub use texels::Texels;
@@ -57,7 +57,7 @@ pub fn render_sphere(size: usize, eval: impl Fn([f64; 3], [f64; 3]) -> [f32; 3])
 /// Renders the sphere with the values of a table, interpolated linearly.
 ///
 /// Missing entries, other grids and other channels: as [`Texels`].
-pub fn sphere_of_table(table: &BrdfTable, size: usize) -> Image {
+pub fn sphere_of_table(table: &Table, size: usize) -> Image {
     let texels = Texels::new(table);
     render_sphere(size, |wi, wo| texels.eval(wi, wo))
 }
@@ -216,7 +216,7 @@ mod tests {
         assert!(psnr(&whole, &sphere_of_table(&holed, 24)).unwrap() > 30.0);
         let axis = Axis { name: AxisName::Other, len: 4, mapping: Mapping::Linear, start: 0.0, end: 1.0 };
         let grid = Grid::new(vec![axis], Grid::rgb_channels([1.0; 3])).unwrap();
-        let table = BrdfTable::from_values(grid, vec![1.0; 12]).unwrap();
+        let table = Table::from_values(grid, vec![1.0; 12]).unwrap();
         assert!(sphere_of_table(&table, 8).rgb.iter().all(|v| *v == 0.0));
         assert!(sphere_of_table(&table, 0).rgb.is_empty());
     }

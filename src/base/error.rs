@@ -37,13 +37,13 @@ pub enum Error {
         /// What was found and what was expected.
         what: String,
     },
-    /// A block that was pruned from the file, which the caller did not allow ([`crate::decode::Pruned`]).
+    /// A block that was pruned from the file, which the caller did not allow ([`crate::decode::PrunedPolicy`]).
     Pruned {
         /// Its number.
         block: usize,
     },
     /// A block that damage took before the file was repaired ([`crate::edit::salvage`]), which the caller did not allow to stand for
-    /// ([`crate::decode::Pruned`]).
+    /// ([`crate::decode::PrunedPolicy`]).
     Lost {
         /// Its number.
         block: usize,
@@ -131,14 +131,14 @@ impl fmt::Display for Error {
                 write!(
                     f,
                     "block {block} was pruned from this file; use the file that it was pruned from, or allow the block's \
-                     mean in its place (--coarse, Pruned::Coarse)"
+                     mean in its place (--coarse, PrunedPolicy::Coarse)"
                 )
             }
             Error::Lost { block } => {
                 write!(
                     f,
                     "block {block} was lost to damage before this file was repaired; use an intact copy of the file, or allow what is \
-                     left of the block in its place, its mean at best (--coarse, Pruned::Coarse)"
+                     left of the block in its place, its mean at best (--coarse, PrunedPolicy::Coarse)"
                 )
             }
             Error::LimitExceeded { what, got, limit } => {

@@ -1,27 +1,14 @@
 //! BRDF values at pairs of directions, straight from a compressed file.
 
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::atomic::Ordering;
 
-use arc_swap::ArcSwapOption;
-
-use crate::base::budget::{Budget, filled};
+use super::Brdf;
+use super::cache::Means;
+use crate::base::budget::Budget;
 use crate::base::error::{Error, Result};
-use crate::brdf::touched::Touched;
-use crate::decode::point::Sparse;
-use crate::decode::{Reader, Scratch};
 use crate::table::block::unravel;
-use crate::table::coords::{Around, BATCH, Batch, Lookup, batch_coordinates, grid_coordinates, neighbours};
+use crate::table::coords::{Around, BATCH, Batch, batch_coordinates, grid_coordinates, neighbours};
 use crate::table::grid::AxisName;
-
-/// Most blocks whose coefficients are kept.
-const SPARSE_BLOCKS: usize = 4096;
-
-/// Most places of the cache: eight bytes each, empty or not.
-const CACHE_BLOCKS: usize = 1 << 16;
-
-/// Of the cache's bytes, coefficients get one in so many; most materials need 0.2 MB.
-const SPARSE_SHARE: usize = 4;
 
 /// Values of a block whose rebuilding takes about as long as one look-up from its coefficients: 6 ns a value, 10 us.
 const VALUES_A_LOOKUP: usize = 2048;
@@ -29,173 +16,10 @@ const VALUES_A_LOOKUP: usize = 2048;
 /// never take much longer than rebuilding it.
 const LOOKUP: u64 = 36_864;
 
-/// Operations of decoding that each look-up brings with it, if it needs them. So renderers may go on for ever with a cache that is too
-/// small for an ordinary file, and no file takes longer than this for a look-up in the long run.
-const FREE: u64 = 1 << 16;
-
-/// Bytes of the buffers of decodes that are kept for the next one.
-const KEPT_SCRATCHES: usize = 16 << 20;
-
-/// Bytes of decoded blocks that are kept unless the caller says otherwise.
-const DEFAULT_BYTES: usize = 64 << 20;
-
 /// Channels whose sums fit on the stack.
 const MAX_STACK: usize = 16;
 
-/// A decoded block.
-struct Cached {
-    block: usize,
-    /// `[position][channel]`: a look-up wants all channels of few positions.
-    values: Vec<f32>,
-    /// Looked at since the clock's hand came by.
-    used: AtomicBool,
-}
-
-impl Cached {
-    fn bytes(&self) -> usize {
-        size_of::<Cached>() + self.values.capacity() * size_of::<f32>()
-    }
-}
-
-/// Evaluates a file at directions; rebuilds blocks when that pays and keeps some of them.
-///
-/// A block is first looked up by its coefficients; once that has taken as long as rebuilding it would, it is rebuilt. So a scene
-/// that touches few values of a block does not pay for it, and a cache that is too small costs no more than twice what it must.
-///
-/// Shared between threads by reference: finding a block in the cache takes no lock.
-///
-/// What it decodes counts towards [`Limits::operations`](crate::format::Limits::operations) over its whole life, less 65 us for each look-up that finds nothing in the
-/// cache: a file whose blocks are too large for the cache ends in `LimitExceeded`, where it would be rebuilt for ever. Of a reader with
-/// [one budget](Reader::with_one_budget) that discount grows with the bytes of the file, and files below 128 kB have none.
-pub struct Brdf<D> {
-    reader: Reader<D>,
-    lookup: Lookup,
-    /// Block b lives at b modulo the length. Blocks leave by the clock rule: in turn, but those used meanwhile a round later.
-    cache: Vec<ArcSwapOption<Cached>>,
-    cache_bytes: AtomicUsize,
-    cache_most: usize,
-    hand: AtomicUsize,
-    /// Coefficients of blocks, likewise.
-    sparse: Vec<ArcSwapOption<Sparse>>,
-    /// Bytes of them, and the most that are kept.
-    sparse_bytes: AtomicUsize,
-    sparse_most: usize,
-    /// Blocks that were looked at, a bit each.
-    touched: Vec<AtomicU64>,
-    /// How often a block was rebuilt.
-    rebuilt: AtomicUsize,
-    /// Buffers of decodes, as many as [`KEPT_SCRATCHES`] hold.
-    scratch: Mutex<Scratches>,
-    /// Of all look-ups together, where the reader has none.
-    budget: Budget<'static>,
-    /// Operations that a look-up brings with it.
-    free: u64,
-}
-
-/// Buffers that nobody uses at the moment, and their bytes.
-#[derive(Default)]
-struct Scratches {
-    list: Vec<Scratch>,
-    bytes: usize,
-}
-
-/// What a look-up draws on.
-#[derive(Clone, Copy)]
-struct Means<'a> {
-    budget: &'a Budget<'a>,
-    /// Operations that it brings with it.
-    free: u64,
-}
-
-impl Means<'_> {
-    /// Counts the part of some work that a look-up does not bring with it.
-    fn spend(self, work: u64) -> Result<()> {
-        match work.saturating_sub(self.free) {
-            0 => Ok(()),
-            more => self.budget.spend(more),
-        }
-    }
-}
-
-impl<D: AsRef<[u8]>> Brdf<D> {
-    /// An evaluator with linear lookup and a cache of 64 MiB.
-    ///
-    /// # Errors
-    /// `InvalidArgument` if the axes of the file are not angles of directions.
-    pub fn open(reader: Reader<D>) -> Result<Brdf<D>> {
-        let up = [0.0, 0.0, 1.0];
-        if grid_coordinates(reader.grid(), up, up).is_none() {
-            let names: Vec<_> = reader.grid().axes().iter().map(|a| a.name.as_str()).collect();
-            return Err(Error::InvalidArgument(format!("axes {names:?} do not say how directions map to the grid")));
-        }
-        let sparse = (0..reader.block_count().min(SPARSE_BLOCKS)).map(|_| ArcSwapOption::empty()).collect();
-        let touched = (0..reader.block_count().div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
-        let budget = Budget::new(reader.limits(), reader.len());
-        let free = if reader.one_budget().is_some() { (reader.len() as u64 >> 17 << 14).min(FREE) } else { FREE };
-        let brdf = Brdf {
-            budget,
-            free,
-            reader,
-            lookup: Lookup::Linear,
-            cache: Vec::new(),
-            cache_bytes: AtomicUsize::new(0),
-            cache_most: 0,
-            hand: AtomicUsize::new(0),
-            sparse,
-            sparse_bytes: AtomicUsize::new(0),
-            sparse_most: 0,
-            touched,
-            rebuilt: AtomicUsize::new(0),
-            scratch: Mutex::default(),
-        };
-        Ok(brdf.with_cache_bytes(DEFAULT_BYTES))
-    }
-
-    /// The same with another lookup: nearest bin, or linear between bin centres.
-    pub fn with_lookup(self, lookup: Lookup) -> Brdf<D> {
-        Brdf { lookup, ..self }
-    }
-
-    /// The same with a cache of at most so many bytes: three quarters for decoded blocks, at least one of them, and the rest for
-    /// coefficients of blocks. Where those do not fit, blocks are rebuilt without them.
-    pub fn with_cache_bytes(self, bytes: usize) -> Brdf<D> {
-        let sparse_most = bytes / SPARSE_SHARE;
-        let cache_most = bytes - sparse_most;
-        let sparse = self.sparse.iter().map(|_| ArcSwapOption::empty()).collect();
-        let cache = (0..self.reader.block_count().min(CACHE_BLOCKS)).map(|_| ArcSwapOption::empty()).collect();
-        let [cache_bytes, sparse_bytes, hand] = std::array::from_fn(|_| AtomicUsize::new(0));
-        Brdf { cache, cache_bytes, cache_most, hand, sparse, sparse_bytes, sparse_most, ..self }
-    }
-
-    /// The file.
-    pub fn reader(&self) -> &Reader<D> {
-        &self.reader
-    }
-
-    /// Gives the file back; what was decoded of it is dropped, and [`Brdf::touched`] with it.
-    pub fn into_reader(self) -> Reader<D> {
-        self.reader
-    }
-
-    /// The blocks that were looked at so far; [`crate::brdf::touched`] says what for.
-    pub fn touched(&self) -> Touched {
-        let bit = |b: usize| self.touched[b / 64].load(Ordering::Relaxed) >> (b % 64) & 1 == 1;
-        Touched::new((0..self.reader.block_count()).map(bit).collect(), self.reader.index_crc())
-    }
-
-    /// Bytes of the records of these blocks: what was read of the file besides its other sections.
-    pub fn bytes_touched(&self) -> usize {
-        let touched = self.touched();
-        let lengths =
-            touched.blocks().iter().enumerate().filter(|(_, t)| **t).map(|(b, _)| self.reader.record_length(b));
-        lengths.sum()
-    }
-
-    /// How often a block was rebuilt so far, blocks that had left the cache again included.
-    pub fn blocks_rebuilt(&self) -> usize {
-        self.rebuilt.load(Ordering::Relaxed)
-    }
-
+impl Brdf {
     /// BRDF in 1/sr for light from `wi` and view to `wo`: vectors away from the surface in its frame, the normal
     /// along z; their length does not matter. 0 if one points below the horizon, is zero or not finite.
     ///
@@ -217,12 +41,22 @@ impl<D: AsRef<[u8]>> Brdf<D> {
         if value.len() != channels {
             return Err(Error::InvalidArgument(format!("the file has {channels} channels, not {}", value.len())));
         }
+        self.check_directions()?;
         self.at(grid_coordinates(grid, wi, wo), value, self.means())
     }
 
     /// As [`Brdf::eval_into`], all of it on the budget of a call that makes many look-ups.
     pub(crate) fn eval_within(&self, budget: &Budget, wi: [f64; 3], wo: [f64; 3], value: &mut [f32]) -> Result<()> {
         self.at(grid_coordinates(self.reader.grid(), wi, wo), value, Means { budget, free: 0 })
+    }
+
+    /// Whether the file's axes are angles of directions, so that it can be evaluated; they always are but with
+    /// [`BrdfOptions::any_axes`](super::BrdfOptions::any_axes).
+    ///
+    /// # Errors
+    /// `InvalidArgument`, with the axes' names, if they are not.
+    pub fn check_directions(&self) -> Result<()> {
+        self.no_directions.as_ref().map_or(Ok(()), |why| Err(Error::InvalidArgument(why.clone())))
     }
 
     /// What look-ups of callers draw on.
@@ -245,6 +79,7 @@ impl<D: AsRef<[u8]>> Brdf<D> {
                 values.len()
             )));
         }
+        self.check_directions()?;
         let of_half =
             grid.axes().iter().all(|a| matches!(a.name, AxisName::ThetaH | AxisName::ThetaD | AxisName::PhiD));
         if !of_half {
@@ -380,90 +215,11 @@ impl<D: AsRef<[u8]>> Brdf<D> {
             paid += u64::from(before);
             sparse.uses.store(0, Ordering::Relaxed);
         }
-        let cached = self.decode(block, Means { free: means.free.saturating_mul(paid), ..means })?;
+        let cached = self.rebuild(block, Means { free: means.free.saturating_mul(paid), ..means })?;
         self.rebuilt.fetch_add(1, Ordering::Relaxed);
         add(taps, &cached.values, value);
         self.keep(cached);
         Ok(())
-    }
-
-    /// Puts a block into the cache, and as many out as make room.
-    fn keep(&self, cached: Cached) {
-        let (own, bytes) = (cached.block % self.cache.len(), cached.bytes());
-        let replace = |place: usize, with: Option<Arc<Cached>>| {
-            let before = self.cache[place].swap(with);
-            self.cache_bytes.fetch_sub(before.map_or(0, |before| before.bytes()), Ordering::Relaxed);
-        };
-        self.cache_bytes.fetch_add(bytes, Ordering::Relaxed);
-        replace(own, Some(Arc::new(cached)));
-        // Two rounds at most: in the first, all may have been used.
-        for _ in 0..2 * self.cache.len() {
-            if self.cache_bytes.load(Ordering::Relaxed) <= self.cache_most {
-                return;
-            }
-            let place = self.hand.fetch_add(1, Ordering::Relaxed) % self.cache.len();
-            let used =
-                self.cache[place].load().as_ref().is_none_or(|cached| cached.used.swap(false, Ordering::Relaxed));
-            if place != own && !used {
-                replace(place, None);
-            }
-        }
-    }
-
-    /// The coefficients of a block, if single values can be had from them and there is room to keep them.
-    fn sparse(&self, block: usize, means: Means) -> Result<Option<Arc<Sparse>>> {
-        let slot = &self.sparse[block % self.sparse.len()];
-        if let Some(sparse) = slot.load_full().filter(|sparse| sparse.block == block) {
-            return Ok(Some(sparse));
-        }
-        if self.sparse_bytes.load(Ordering::Relaxed) + self.reader.likely_sparse_bytes(block) > self.sparse_most {
-            return Ok(None);
-        }
-        let decode = |budget: &Budget| self.with_scratch(|scratch| self.reader.sparse_block(block, scratch, budget));
-        let sparse = means.budget.with_free(means.free, decode)?.map(Arc::new);
-        let bytes = sparse.as_ref().map_or(0, |sparse| sparse.bytes());
-        if self.sparse_bytes.fetch_add(bytes, Ordering::Relaxed) + bytes > self.sparse_most {
-            // Coefficients that are not kept would be decoded again for every look-up, and the block never rebuilt.
-            self.sparse_bytes.fetch_sub(bytes, Ordering::Relaxed);
-            return Ok(None);
-        }
-        let before = slot.swap(sparse.clone());
-        self.sparse_bytes.fetch_sub(before.map_or(0, |before| before.bytes()), Ordering::Relaxed);
-        Ok(sparse)
-    }
-
-    fn with_scratch<T>(&self, work: impl FnOnce(&mut Scratch) -> T) -> T {
-        let lock = || self.scratch.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut scratch = {
-            let mut kept = lock();
-            let scratch = kept.list.pop().unwrap_or_default();
-            kept.bytes -= scratch.bytes();
-            scratch
-        };
-        let result = work(&mut scratch);
-        // One large block would leave hundreds of megabytes for good.
-        let (mut kept, bytes) = (lock(), scratch.bytes());
-        if kept.bytes + bytes <= KEPT_SCRATCHES {
-            kept.bytes += bytes;
-            kept.list.push(scratch);
-        }
-        result
-    }
-
-    fn decode(&self, block: usize, means: Means) -> Result<Cached> {
-        means.budget.with_free(means.free, |budget| {
-            let size = self.reader.block_values(block)?;
-            // What stays is the cache's, which the caller bounds.
-            let _held = budget.holding(8 * size as u64)?;
-            let mut planes = filled(0.0, size)?;
-            self.with_scratch(|scratch| self.reader.block_within(block, scratch, &mut planes, budget))?;
-            let channels = self.reader.grid().channels().len();
-            let mut values = filled(0.0, size)?;
-            for (c, plane) in planes.chunks_exact(planes.len() / channels).enumerate() {
-                values[c..].iter_mut().step_by(channels).zip(plane).for_each(|(value, v)| *value = *v);
-            }
-            Ok(Cached { block, values, used: AtomicBool::new(false) })
-        })
     }
 }
 
@@ -498,21 +254,27 @@ fn scratch_values<'a>(channels: usize, stack: &'a mut [f32; MAX_STACK], heap: &'
 
 #[cfg(all(test, feature = "encode"))]
 mod tests {
+    use super::super::BrdfOptions;
+    use super::super::cache::SPARSE_SHARE;
     use super::*;
     use crate::codec::sample::SplitMix64;
     use crate::encode::Encoder;
-    use crate::table::BrdfTable;
-    use crate::table::coords::{HalfDiff, directions, taps};
+    use crate::table::Table;
+    use crate::table::coords::{HalfDiff, Lookup, directions, taps};
     use crate::table::grid::{Axis, Grid, Mapping};
     use crate::table::synth::Recipe;
     use std::f64::consts::{FRAC_PI_2, PI};
 
-    fn small_brdf() -> Brdf<Vec<u8>> {
-        let bytes = Encoder::new().block_shape(&[7, 6, 10]).encode(&small_table()).unwrap().bytes;
-        Brdf::open(Reader::open(bytes).unwrap()).unwrap()
+    fn small_brdf() -> Brdf {
+        small_with(BrdfOptions::new())
     }
 
-    fn small_table() -> BrdfTable {
+    fn small_with(options: BrdfOptions) -> Brdf {
+        let bytes = Encoder::new().block_shape(&[7, 6, 10]).encode(&small_table()).unwrap().bytes;
+        options.from_bytes(bytes).unwrap()
+    }
+
+    fn small_table() -> Table {
         let axis = |name, len, mapping, end| Axis { name, len, mapping, start: 0.0, end };
         let axes = vec![
             axis(AxisName::ThetaH, 18, Mapping::Square, FRAC_PI_2),
@@ -535,7 +297,7 @@ mod tests {
         for lookup in [Lookup::Nearest, Lookup::Linear] {
             // One place in the cache and no room for coefficients, one place and some room, room for all.
             for cache in [0, 20_000, 1 << 20] {
-                let brdf = small_brdf().with_lookup(lookup).with_cache_bytes(cache);
+                let brdf = small_with(BrdfOptions::new().lookup(lookup).cache_bytes(cache));
                 let table = brdf.reader().decode_all().unwrap();
                 let n = brdf.reader().grid().positions();
                 let mut random = SplitMix64(3);
@@ -587,7 +349,7 @@ mod tests {
         let (value, crc) = (brdf.eval(up, up).unwrap(), brdf.reader().index_crc());
         let reader = brdf.into_reader();
         assert_eq!(reader.index_crc(), crc);
-        assert_eq!(Brdf::open(reader).unwrap().eval(up, up).unwrap(), value);
+        assert_eq!(Brdf::from_reader(reader).unwrap().eval(up, up).unwrap(), value);
     }
 
     #[test]
@@ -612,10 +374,10 @@ mod tests {
     #[test]
     fn a_block_is_rebuilt_when_that_pays_and_nothing_changes() {
         let bytes = Encoder::new().block_shape(&[18, 15, 24]).encode(&small_table()).unwrap().bytes;
-        let brdf = Brdf::open(Reader::open(bytes).unwrap()).unwrap();
+        let brdf = Brdf::from_bytes(bytes).unwrap();
         let mut random = SplitMix64(9);
         let pairs: Vec<_> = (0..40).map(|_| (random_direction(&mut random), random_direction(&mut random))).collect();
-        let all = |brdf: &Brdf<_>| -> Vec<_> {
+        let all = |brdf: &Brdf| -> Vec<_> {
             pairs.iter().map(|&(wi, wo)| brdf.eval(wi, wo).unwrap().map(f32::to_bits)).collect()
         };
         brdf.eval(pairs[0].0, pairs[0].1).unwrap();
@@ -645,7 +407,7 @@ mod tests {
 
     #[test]
     fn threads_agree() {
-        let brdf = small_brdf().with_cache_bytes(20_000);
+        let brdf = small_with(BrdfOptions::new().cache_bytes(20_000));
         let pairs: Vec<_> = {
             let mut random = SplitMix64(5);
             (0..200).map(|_| (random_direction(&mut random), random_direction(&mut random))).collect()

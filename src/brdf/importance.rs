@@ -14,9 +14,10 @@ mod rings;
 mod tests;
 
 use std::f64::consts::{PI, TAU};
+use std::sync::PoisonError;
 
 use crate::base::error::Result;
-use crate::brdf::eval::Brdf;
+use crate::brdf::Brdf;
 use crate::decode::Reader;
 use crate::table::coords::upper_unit;
 use geometry::Given;
@@ -48,9 +49,9 @@ pub struct Sample {
 ///
 /// ```
 /// # #[cfg(feature = "encode")] {
-/// # use csbrdf::{brdf::eval::Brdf, decode::Reader, encode::Encoder, table::synth::Recipe};
+/// # use csbrdf::{Brdf, encode::Encoder, table::synth::Recipe};
 /// # let table = Recipe::named("rough-metal").unwrap().merl()?;
-/// # let brdf = Brdf::open(Reader::open(Encoder::new().block_shape(&[15, 15, 30]).encode(&table)?.bytes)?)?;
+/// # let brdf = Brdf::from_bytes(Encoder::new().block_shape(&[15, 15, 30]).encode(&table)?.bytes)?;
 /// let importance = brdf.importance()?; // decodes the file once
 /// let wi = [0.6, 0.0, 0.8];
 /// let mut albedo = 0.0;
@@ -71,13 +72,36 @@ pub struct Importance {
     rings: Option<Rings>,
 }
 
-impl<D: AsRef<[u8]>> Brdf<D> {
-    /// What draws directions for this file: [`Importance::new`]. Nothing of it is kept here; keep it beside the `Brdf`.
+impl Brdf {
+    /// What draws directions for this file, as [`Importance::new`]: made with the first call, which decodes the file once, and kept.
     ///
     /// # Errors
     /// `Corrupt` if a block is damaged, `LimitExceeded` if the table is above the caller's limit or takes more than a call may.
-    pub fn importance(&self) -> Result<Importance> {
-        Importance::new(self.reader())
+    pub fn importance(&self) -> Result<&Importance> {
+        if self.importance.get().is_none() {
+            // Others wait: the file is decoded once.
+            let _making = self.making.lock().unwrap_or_else(PoisonError::into_inner);
+            if self.importance.get().is_none() {
+                let _ = self.importance.set(Importance::new(&self.reader)?);
+            }
+        }
+        Ok(self.importance.get_or_init(Importance::cosine))
+    }
+
+    /// Draws a direction about in proportion to BRDF times cosine: [`Importance::sample`]. The first call decodes the file once.
+    ///
+    /// # Errors
+    /// As [`Brdf::importance`].
+    pub fn sample(&self, wi: [f64; 3], u: [f64; 2]) -> Result<Option<Sample>> {
+        Ok(self.importance()?.sample(wi, u))
+    }
+
+    /// Density of [`Brdf::sample`] at `wo`, 1/sr: [`Importance::pdf`]. The first call decodes the file once.
+    ///
+    /// # Errors
+    /// As [`Brdf::importance`].
+    pub fn pdf(&self, wi: [f64; 3], wo: [f64; 3]) -> Result<f64> {
+        Ok(self.importance()?.pdf(wi, wo))
     }
 }
 

@@ -6,7 +6,8 @@ mod make;
 use std::time::Instant;
 
 use self::make::{Bomb, QUANTIZATION, WORST, wide, worst};
-use super::{Pruned, Reader};
+use super::{PrunedPolicy, Reader};
+use crate::base::bytes::Bytes;
 use crate::base::error::Error;
 use crate::decode::contexts;
 use crate::edit::salvage::salvage_with_limits;
@@ -152,7 +153,7 @@ fn metadata_are_bounded() {
 #[test]
 fn every_call_draws_on_the_budget() {
     use crate::assess::lint::lint_brdf;
-    use crate::brdf::eval::Brdf;
+    use crate::brdf::Brdf;
     use crate::brdf::importance::Importance;
     use crate::edit::prune::Pruner;
     for name in ["corner", "corner-dft", "corrections", "drawn", "lossless", "rows", "profile-wide"] {
@@ -162,7 +163,10 @@ fn every_call_draws_on_the_budget() {
             Limits { operations: 0, bytes: 1 << 24, ..Limits::default() },
             Limits { operations: 1 << 20, bytes: 0, ..Limits::default() },
         ] {
-            let open = || Reader::open_with_limits(&file[..], limits).map(|reader| reader.with_pruned(Pruned::Coarse));
+            let open = || {
+                Reader::open_with_limits(Bytes::from(file.clone()), limits)
+                    .map(|reader| reader.with_pruned(PrunedPolicy::Coarse))
+            };
             let reader = match open() {
                 Ok(reader) => reader,
                 Err(e) => {
@@ -185,7 +189,7 @@ fn every_call_draws_on_the_budget() {
             refused |= named("info", reader.block_info(0).map(|_| ()));
             refused |= named("importance", Importance::new(&reader).map(|_| ()));
             refused |= named("prune", Pruner::new().channels(&[0]).detail(0.0).prune(&reader).map(|_| ()));
-            let brdf = Brdf::open(reader).unwrap();
+            let brdf = Brdf::from_reader(reader).unwrap();
             let mut value = vec![0.0; brdf.reader().grid().channels().len()];
             refused |= named("eval", brdf.eval_into([0.3, 0.1, 0.9], [-0.4, 0.2, 0.8], &mut value));
             refused |= named("lint", lint_brdf(&brdf).map(|_| ()));
@@ -198,12 +202,13 @@ fn every_call_draws_on_the_budget() {
 /// Blocks that the cache cannot hold together are not rebuilt for ever, and what one leaves behind is not kept.
 #[test]
 fn look_ups_in_turn_end() {
-    use crate::brdf::eval::Brdf;
+    use crate::brdf::BrdfOptions;
     let file = worst("alternating");
     let limits = Limits { operations: 200_000_000, ..Limits::default() };
     let open = |one: bool| {
-        let reader = Reader::open_with_limits(&file[..], limits).unwrap();
-        Brdf::open(if one { reader.with_one_budget() } else { reader }).unwrap().with_cache_bytes(1 << 20)
+        let reader = Reader::open_with_limits(Bytes::from(file.clone()), limits).unwrap();
+        let reader = if one { reader.with_one_budget() } else { reader };
+        BrdfOptions::new().cache_bytes(1 << 20).from_reader(reader).unwrap()
     };
     for one in [false, true] {
         let (brdf, start) = (open(one), Instant::now());
@@ -282,7 +287,7 @@ fn bombs_cost() {
     }
     let Ok(bytes) = std::fs::read(&path) else { return };
     let (before, start) = (peak(), Instant::now());
-    let reader = Reader::open(&bytes[..]).unwrap().with_pruned(Pruned::Coarse);
+    let reader = Reader::open(&bytes[..]).unwrap().with_pruned(PrunedPolicy::Coarse);
     let opened = start.elapsed();
     let open_peak = peak() - before;
     let text = reader.metadata().map(|m| m.other.len());

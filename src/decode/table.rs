@@ -5,7 +5,7 @@ use crate::base::budget::{Budget, with_room, zeroed};
 use crate::base::error::{Error, Result};
 use crate::codec::tone::inverse_tone_map_f64;
 use crate::format::{directory, spare};
-use crate::table::BrdfTable;
+use crate::table::Table;
 use crate::table::block::{Block, Place, Shares};
 
 /// Places that a verification lists, and blocks that it looks at together.
@@ -102,7 +102,7 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
     ///
     /// # Errors
     /// As [`Reader::decode_all`].
-    pub fn decode_table(&self) -> Result<BrdfTable> {
+    pub fn decode_table(&self) -> Result<Table> {
         let size = self.check_table_size()?;
         let (mut values, mut valid) = (zeros(size)?, zeroed(size)?);
         let eps = self.header.coding.eps;
@@ -122,7 +122,7 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
             valid.of_block(place).put_all(&self.header.masks_of(place, scratch)?);
             Ok(())
         })?;
-        BrdfTable::from_parts(self.grid().clone(), values, valid)
+        Table::from_parts(self.grid().clone(), values, valid)
     }
 
     /// Checks every byte: all sections' checksums and, block by block, that each record and what restores its bits decodes.

@@ -1,4 +1,4 @@
-use super::{Origin, Pruned, Reader, Scratch};
+use super::{Origin, PrunedPolicy, Reader, Scratch};
 use crate::base::simd::Level;
 use crate::format::record::{Record, ValidityClass};
 use crate::table::block::positions;
@@ -34,7 +34,7 @@ fn bits(values: &[f32]) -> Vec<u32> {
 #[test]
 fn every_level_gives_the_same_bits() {
     for (name, bytes) in whole() {
-        let mut reader = Reader::open(bytes).unwrap().with_pruned(Pruned::Coarse);
+        let mut reader = Reader::open(bytes).unwrap().with_pruned(PrunedPolicy::Coarse);
         let best = bits(&reader.decode_all().unwrap());
         for level in Level::all() {
             reader.header.level = level;
@@ -49,7 +49,7 @@ fn points_are_those_of_the_block() {
     let mut scratch = Scratch::default();
     let mut some = 0;
     for (name, bytes) in whole() {
-        let reader = Reader::open(bytes).unwrap().with_pruned(Pruned::Coarse);
+        let reader = Reader::open(bytes).unwrap().with_pruned(PrunedPolicy::Coarse);
         let channels = reader.grid().channels().len();
         for block in 0..reader.block_count() {
             let mut whole = vec![0.0; reader.block_values(block).unwrap()];
@@ -72,7 +72,7 @@ fn points_are_those_of_the_block() {
 #[test]
 fn the_table_is_its_blocks() {
     for (name, bytes) in whole() {
-        let reader = Reader::open(bytes).unwrap().with_pruned(Pruned::Coarse);
+        let reader = Reader::open(bytes).unwrap().with_pruned(PrunedPolicy::Coarse);
         let (shape, n) = (reader.grid().shape(), reader.grid().positions());
         let mut expected = vec![0.0; n * reader.grid().channels().len()];
         for block in 0..reader.block_count() {
@@ -96,7 +96,7 @@ fn what_a_scratch_holds_does_not_matter() {
     let mut stale = Scratch::default();
     let (mut decoded, mut refused) = (0, 0);
     for (name, bytes) in whole() {
-        let reader = Reader::open(bytes).unwrap().with_pruned(Pruned::Coarse);
+        let reader = Reader::open(bytes).unwrap().with_pruned(PrunedPolicy::Coarse);
         for block in (0..reader.block_count()).rev() {
             let mut fresh = vec![0.0; reader.block_values(block).unwrap()];
             reader.block_into(block, &mut fresh).unwrap();
@@ -150,7 +150,7 @@ fn probabilities_out_of_range_are_an_error_of_the_first_block() {
 #[test]
 fn the_smallest_block_of_each_file_is_as_it_is_told() {
     for (name, bytes) in golden() {
-        let reader = Reader::open(&bytes[..]).unwrap().with_pruned(Pruned::Coarse);
+        let reader = Reader::open(&bytes[..]).unwrap().with_pruned(PrunedPolicy::Coarse);
         let block = (0..reader.block_count()).min_by_key(|block| reader.block_values(*block).unwrap()).unwrap();
         let mut values = vec![f32::NAN; reader.block_values(block).unwrap()];
         if cfg!(miri) && values.len() > 100 {

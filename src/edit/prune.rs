@@ -49,7 +49,7 @@ impl<'a> Pruner<'a> {
         Pruner::default()
     }
 
-    /// Of blocks that were not touched keeps the means alone ([`Pruned::Coarse`](crate::decode::Pruned::Coarse)).
+    /// Of blocks that were not touched keeps the means alone ([`PrunedPolicy::Coarse`](crate::decode::PrunedPolicy::Coarse)).
     pub fn blocks(self, touched: &'a Touched) -> Pruner<'a> {
         Pruner { touched: Some(touched), ..self }
     }
@@ -255,16 +255,16 @@ impl<D: AsRef<[u8]>> Job<'_, D> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::decode::Pruned;
+    use crate::decode::PrunedPolicy;
     use crate::encode::Encoder;
-    use crate::table::BrdfTable;
+    use crate::table::Table;
     use crate::table::grid::{Axis, AxisName, Grid, Mapping};
     use crate::table::synth::Recipe;
     use std::f64::consts::{FRAC_PI_2, PI};
 
     const SHAPE: [usize; 3] = [9, 5, 12];
 
-    fn table() -> BrdfTable {
+    fn table() -> Table {
         let axis = |name, len, mapping, end| Axis { name, len, mapping, start: 0.0, end };
         let axes = vec![
             axis(AxisName::ThetaH, 18, Mapping::Square, FRAC_PI_2),
@@ -302,7 +302,7 @@ mod tests {
         let small = open(&pruned.bytes);
         assert!(small.verify().is_empty());
         assert!(matches!(small.decode_all(), Err(Error::Pruned { block: 1 })));
-        let coarse = open(&pruned.bytes).with_pruned(Pruned::Coarse);
+        let coarse = open(&pruned.bytes).with_pruned(PrunedPolicy::Coarse);
         coarse.decode_all().unwrap();
         for number in 0..reader.block_count() {
             let before = block(&reader, number).unwrap();
@@ -331,7 +331,7 @@ mod tests {
         // Masks and exact zeros in the records.
         let mut values = table.values().to_vec();
         values[3000..3100].fill(0.0);
-        let table = BrdfTable::from_parts(table.grid().clone(), values, table.valid().to_vec()).unwrap();
+        let table = Table::from_parts(table.grid().clone(), values, table.valid().to_vec()).unwrap();
         let bytes = Encoder::new().block_shape(&SHAPE).encode(&table).unwrap().bytes;
         let reader = open(&bytes);
         let all = trace(&reader, |_| true);

@@ -5,7 +5,7 @@ use crate::base::simd::{Level, Task};
 use crate::codec::entropy::MAX_MAGNITUDE;
 use crate::codec::quantize::{Quantizer, quantize_mean};
 use crate::codec::tone::tone_map;
-use crate::table::BrdfTable;
+use crate::table::Table;
 use crate::table::block::Block;
 
 /// Sums over magnitudes 1, and 2 and above: how far below the integer the coefficient was, in steps; counts.
@@ -130,7 +130,7 @@ pub(super) fn channel_log(value: f64, scale: f64, eps: f64) -> f64 {
 }
 
 /// Log values and validity of a block, `[channel][position]`; zero where not valid.
-pub(super) fn gather_log(table: &BrdfTable, block: &Block, eps: f64) -> (Vec<f64>, Vec<bool>) {
+pub(super) fn gather_log(table: &Table, block: &Block, eps: f64) -> (Vec<f64>, Vec<bool>) {
     let grid = table.grid();
     let n = block.positions();
     let mut values = vec![0.0; n * grid.channels().len()];

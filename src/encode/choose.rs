@@ -5,13 +5,13 @@ use super::{Blocks, Channels, Encoder, shape};
 use crate::base::error::{Error, Result};
 use crate::codec::channel::ChannelTransform;
 use crate::format::check_block;
-use crate::table::BrdfTable;
+use crate::table::Table;
 use crate::table::block::Partition;
 use crate::table::horizon::{Horizon, fit_threshold, lowest_elevation};
 
 impl Encoder {
     /// The opponent transform needs three channels that are measured at the same places.
-    pub(super) fn choose_transform(&self, table: &BrdfTable) -> ChannelTransform {
+    pub(super) fn choose_transform(&self, table: &Table) -> ChannelTransform {
         let common_mask = || (1..3).all(|c| table.valid_plane(c) == table.valid_plane(0));
         match self.channels {
             Channels::Opponent if table.grid().channels().len() == 3 && common_mask() => ChannelTransform::opponent(),
@@ -22,7 +22,7 @@ impl Encoder {
     /// The partition to use, and the share of the work that went into its choice.
     pub(super) fn choose_partition(
         &self,
-        table: &BrdfTable,
+        table: &Table,
         transform: &ChannelTransform,
         dense: Option<&Dense>,
         progress: &(dyn Fn(f64) + Sync),
@@ -84,7 +84,7 @@ fn uniform(grid: [usize; 4], shape: &[usize]) -> Result<Partition> {
 }
 
 /// Elevation of the table's horizon, if the grid has one and predicting from it is better than not.
-pub(super) fn fit_horizon(table: &BrdfTable) -> Option<f64> {
+pub(super) fn fit_horizon(table: &Table) -> Option<f64> {
     let horizon = Horizon::new(table.grid())?;
     let n = table.grid().positions();
     let mut any = table.valid_plane(0).to_vec();

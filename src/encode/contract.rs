@@ -12,7 +12,7 @@ use crate::assess::render::{Image, psnr, sphere_of_table};
 use crate::base::error::{Error, Result};
 use crate::decode::Reader;
 use crate::format::STEP_RANGE;
-use crate::table::BrdfTable;
+use crate::table::Table;
 
 /// What a file keeps, whatever the table.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -152,7 +152,7 @@ const FAR: f32 = 3.0;
 pub(super) fn fulfil(
     encoder: &Encoder,
     contract: Contract,
-    table: &BrdfTable,
+    table: &Table,
     progress: &(dyn Fn(f64) + Sync),
 ) -> Result<Encoded> {
     let reference = match contract {
@@ -245,7 +245,7 @@ fn measure(
 }
 
 /// The promise, checked on the finished bytes by the reader that users have.
-fn confirm(contract: Contract, table: &BrdfTable, encoded: &Encoded) -> Result<()> {
+fn confirm(contract: Contract, table: &Table, encoded: &Encoded) -> Result<()> {
     let reader = Reader::open(&encoded.bytes[..])?;
     if let Some(damage) = reader.verify().into_iter().next() {
         return Err(damage);

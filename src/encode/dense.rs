@@ -14,7 +14,7 @@ use crate::codec::channel::ChannelTransform;
 use crate::codec::fourier::Basis;
 use crate::codec::profile::Profile;
 use crate::format::profile::CodedProfile;
-use crate::table::BrdfTable;
+use crate::table::Table;
 use crate::table::block::Block;
 use crate::table::grid::Grid;
 
@@ -40,7 +40,7 @@ pub(super) struct DenseBlock {
 
 impl Dense {
     /// Without a profile, holes not filled yet.
-    pub(super) fn new(table: &BrdfTable, eps: f64, basis: Basis) -> Dense {
+    pub(super) fn new(table: &Table, eps: f64, basis: Basis) -> Dense {
         let grid = table.grid();
         let n = grid.positions();
         let entries = || table.values().iter().zip(table.valid());

@@ -14,7 +14,7 @@ use super::trend::{Model, Trend, one_of};
 use crate::codec::channel::ChannelTransform;
 use crate::codec::sample::{Sampling, block_seed, sample_positions};
 use crate::codec::tone::tone_map;
-use crate::table::BrdfTable;
+use crate::table::Table;
 use crate::table::block::{Block, Partition};
 use windows::Windows;
 
@@ -60,7 +60,7 @@ struct Samples {
 }
 
 /// The table's log values after the channel transform, zero where not valid.
-pub(super) fn log_planes(table: &BrdfTable, transform: &ChannelTransform, eps: f64) -> Vec<f64> {
+pub(super) fn log_planes(table: &Table, transform: &ChannelTransform, eps: f64) -> Vec<f64> {
     let channels = table.grid().channels();
     let n = table.grid().positions();
     let mut planes = vec![0.0; n * channels.len()];
@@ -92,7 +92,7 @@ pub(super) fn draw(partition: &Partition, seed: u64, sampling: &[Sampling], vali
 
 /// The recovery of a table, to be repeated as samples are added.
 pub(super) struct Estimator<'a> {
-    table: &'a BrdfTable,
+    table: &'a Table,
     planes: &'a [f64],
     partition: &'a Partition,
     seed: u64,
@@ -120,7 +120,7 @@ pub(super) enum Stiffness {
 impl<'a> Estimator<'a> {
     /// `planes` are the table's log values after the channel transform; blocks of the partition are sampled.
     pub(super) fn new(
-        table: &'a BrdfTable,
+        table: &'a Table,
         planes: &'a [f64],
         partition: &'a Partition,
         seed: u64,

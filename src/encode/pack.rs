@@ -22,7 +22,7 @@ use crate::format::probabilities::{decode_probability, encode_probability, write
 use crate::format::profile::{CodedProfile, write_profile};
 use crate::format::record::{Record, ValidityClass};
 use crate::format::{MAX_MEANS, VERSION};
-use crate::table::BrdfTable;
+use crate::table::Table;
 use crate::table::block::{Block, Partition};
 
 /// Bits that a stored probability must save: it takes eight, and records adapt without it.
@@ -98,7 +98,7 @@ struct Told {
 }
 
 impl Told {
-    fn new(table: &BrdfTable, header: &Header, block: &Block) -> Told {
+    fn new(table: &Table, header: &Header, block: &Block) -> Told {
         let n = block.positions();
         let valid = gather_valid(table, block);
         let mut zeros = Vec::new();
@@ -165,7 +165,7 @@ impl Uncoded<'_> {
 ///
 /// Corrections are found on what the decoder makes of the coefficients; what is measured is what it makes of the record.
 pub(super) fn pack(
-    table: &BrdfTable,
+    table: &Table,
     mut coding: Coding,
     partition: Partition,
     profile: Option<CodedProfile>,
@@ -291,14 +291,14 @@ pub(super) fn pack(
 }
 
 /// Bits of entries that are not valid: those of the first, by channel.
-fn usual_missing(table: &BrdfTable) -> Vec<u64> {
+fn usual_missing(table: &Table) -> Vec<u64> {
     let first = |c: usize| table.plane(c).iter().zip(table.valid_plane(c)).find(|(_, valid)| !**valid);
     (0..table.grid().channels().len()).map(|c| first(c).map_or(0, |(value, _)| value.to_bits())).collect()
 }
 
 /// What restores the source's bits of a block that was just rebuilt; decoded again as a proof.
 fn code_exact(
-    table: &BrdfTable,
+    table: &Table,
     header: &Header,
     block: &Uncoded,
     missing: &[u64],
@@ -337,7 +337,7 @@ fn cuts(eps: f64) -> [f64; 2] {
 }
 
 /// Validity of a block, `[channel][position]`.
-fn gather_valid(table: &BrdfTable, block: &Block) -> Vec<bool> {
+fn gather_valid(table: &Table, block: &Block) -> Vec<bool> {
     let n = block.positions();
     let mut valid = vec![false; n * table.grid().channels().len()];
     for (channel, valid) in valid.chunks_exact_mut(n).enumerate() {
@@ -346,7 +346,7 @@ fn gather_valid(table: &BrdfTable, block: &Block) -> Vec<bool> {
     valid
 }
 
-fn measure(table: &BrdfTable, block: &Block, eps: f64, decoded: &[f32]) -> BlockError {
+fn measure(table: &Table, block: &Block, eps: f64, decoded: &[f32]) -> BlockError {
     let (log, valid) = gather_log(table, block, eps);
     let [floor, ceiling] = cuts(eps);
     let mut error = BlockError::default();

@@ -13,7 +13,7 @@ use super::trellis::{self, Filled};
 use crate::base::error::{Error, Result};
 use crate::codec::channel::ChannelTransform;
 use crate::codec::sample::block_seed;
-use crate::table::BrdfTable;
+use crate::table::Table;
 use crate::table::block::{Block, Partition};
 
 impl Encoder {
@@ -25,7 +25,7 @@ impl Encoder {
     /// Stages one to five of all blocks, in parallel, in order.
     pub(super) fn quantize_blocks<'a>(
         &'a self,
-        table: &'a BrdfTable,
+        table: &'a Table,
         transform: &'a ChannelTransform,
         partition: &'a Partition,
         estimate: Option<&'a Estimate>,
@@ -50,7 +50,7 @@ impl Encoder {
     /// `None` if the step is too small for the format.
     pub(super) fn quantize_block(
         &self,
-        table: &BrdfTable,
+        table: &Table,
         transform: &ChannelTransform,
         estimate: Option<&Estimate>,
         recoverer: &mut Recoverer,

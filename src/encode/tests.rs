@@ -5,7 +5,7 @@ use crate::decode::Reader;
 use crate::table::grid::Grid;
 use crate::table::synth::Recipe;
 
-fn table() -> BrdfTable {
+fn table() -> Table {
     Recipe::named("satin-paint").unwrap().synthesise(&Grid::merl().with_lengths(&[20, 20, 36]).unwrap()).unwrap()
 }
 
@@ -47,7 +47,7 @@ fn a_trend_fills_holes() {
     let n = full.grid().positions();
     let keep: Vec<bool> = (0..n).map(|_| random.next_u64().is_multiple_of(10)).collect();
     let valid = full.valid().iter().enumerate().map(|(i, v)| *v && keep[i % n]).collect();
-    let sparse = BrdfTable::from_parts(full.grid().clone(), full.values().to_vec(), valid).unwrap();
+    let sparse = Table::from_parts(full.grid().clone(), full.values().to_vec(), valid).unwrap();
     let encoded = Encoder::new().preset(Preset::Sparse).sampling(Sampling::Every).encode(&sparse).unwrap();
     assert!(encoded.report.log_rms < 0.02, "{:?}", encoded.report);
     let decoded = Reader::open(encoded.bytes).unwrap().decode_all().unwrap();
@@ -67,7 +67,7 @@ fn blocks_doubled_to_every_entry_hold_what_was_measured() {
     let grid = Grid::merl().with_lengths(&[6, 5, 7]).unwrap();
     let mut random = crate::codec::sample::SplitMix64(8);
     let values: Vec<f64> = (0..grid.positions() * 3).map(|_| 1e3 * (random.next_u64() >> 54) as f64).collect();
-    let table = BrdfTable::from_values(grid, values).unwrap();
+    let table = Table::from_values(grid, values).unwrap();
     let encoder = Encoder::new().block_shape(&[6, 5, 7]).quality(0.01).iterations(1);
     let all = encoder.encode(&table).unwrap().report;
     let encoded = encoder.clone().sampling_for(0.01).encode(&table).unwrap();
@@ -118,7 +118,7 @@ fn profiles_save_bytes_and_zeros_are_exact() {
             }
         }
     }
-    let table = BrdfTable::from_parts(grid, values, plain.valid().to_vec()).unwrap();
+    let table = Table::from_parts(grid, values, plain.valid().to_vec()).unwrap();
     let with = Encoder::new().block_shape(&[10, 10, 60]).encode(&table).unwrap();
     let without = Encoder::new().block_shape(&[10, 10, 60]).profile(false).encode(&table).unwrap();
     let (a, b) = (with.bytes.len() as f64, without.bytes.len() as f64);

@@ -8,7 +8,7 @@ use crate::base::error::{Error, Result};
 use crate::encode::l1::norm::Norm;
 use crate::encode::l1::spgl1::{self, Options, Solution};
 use crate::encode::l1::{Iterate, Operator};
-use crate::table::BrdfTable;
+use crate::table::Table;
 
 /// How far to follow a solve: beyond the encoder, which stops at the first point that reaches sigma.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,7 +58,7 @@ impl Encoder {
     ///
     /// # Errors
     /// As [`Encoder::encode`]; `InvalidArgument` if there is no such block or a limit is out of range.
-    pub fn trace(&self, table: &BrdfTable, block: usize, limits: Limits) -> Result<Vec<Trace>> {
+    pub fn trace(&self, table: &Table, block: usize, limits: Limits) -> Result<Vec<Trace>> {
         self.check()?;
         if limits.gap.is_nan() || limits.gap <= 0.0 {
             return Err(Error::InvalidArgument(format!("gap is {}, must be above 0", limits.gap)));

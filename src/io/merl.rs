@@ -8,7 +8,7 @@ use std::io::Write;
 
 use crate::base::bits::read_f64_into;
 use crate::base::error::{Error, Result};
-use crate::table::BrdfTable;
+use crate::table::Table;
 use crate::table::grid::{Grid, MERL_SCALE};
 
 const NAME: &str = "MERL table";
@@ -18,7 +18,7 @@ const HEADER: usize = 12;
 ///
 /// # Errors
 /// `Truncated` if it is short, `Corrupt` if a dimension is not MERL's or bytes follow the planes.
-pub fn read_merl(data: &[u8]) -> Result<BrdfTable> {
+pub fn read_merl(data: &[u8]) -> Result<Table> {
     let Some((header, planes)) = data.split_at_checked(HEADER) else {
         return Err(Error::Truncated { section: NAME, expected: HEADER as u64, got: data.len() as u64 });
     };
@@ -43,14 +43,14 @@ pub fn read_merl(data: &[u8]) -> Result<BrdfTable> {
     }
     let mut values = vec![0.0; entries];
     read_f64_into(planes, &mut values);
-    BrdfTable::from_values(grid, values)
+    Table::from_values(grid, values)
 }
 
 /// Writes a table as a `.binary` file: missing entries as -1, or, if `fill` is set, as the values filled in.
 ///
 /// # Errors
 /// `InvalidArgument` if the table is not on MERL's grid; `Io` if the writer fails.
-pub fn write_merl(table: &BrdfTable, fill: bool, mut out: impl Write) -> Result<()> {
+pub fn write_merl(table: &Table, fill: bool, mut out: impl Write) -> Result<()> {
     let grid = table.grid();
     let merl = [Grid::merl(), Grid::merl_360()];
     if merl.iter().all(|m| m.axes() != grid.axes()) || grid.channels().len() != 3 {

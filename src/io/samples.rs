@@ -22,7 +22,7 @@ use csv::{ByteRecord, ReaderBuilder, Trim};
 use crate::assess::plan::Plan;
 use crate::base::error::{Error, Result};
 use crate::base::excerpt::excerpt;
-use crate::table::BrdfTable;
+use crate::table::Table;
 use crate::table::coords::{Lookup, grid_coordinates, taps};
 use crate::table::grid::{AxisName, Grid, MERL_SCALE};
 
@@ -41,7 +41,7 @@ pub const LARGEST: f64 = 1e12;
 ///
 /// # Errors
 /// `InvalidArgument` if the table is not on the plan's grid or has not three channels; `Io` if the writer fails.
-pub fn write_plan(plan: &Plan, table: Option<&BrdfTable>, mut out: impl Write) -> Result<()> {
+pub fn write_plan(plan: &Plan, table: Option<&Table>, mut out: impl Write) -> Result<()> {
     if let Some(table) = table
         && (table.grid().axes() != plan.grid.axes() || table.grid().channels().len() != 3)
     {
@@ -97,7 +97,7 @@ pub fn write_plan(plan: &Plan, table: Option<&BrdfTable>, mut out: impl Write) -
 #[derive(Clone, Debug, PartialEq)]
 pub struct Samples {
     /// On MERL's grid, valid where all three channels were measured.
-    pub table: BrdfTable,
+    pub table: Table,
     /// Rows of the list.
     pub rows: usize,
     /// Bins that were measured.
@@ -167,7 +167,7 @@ pub fn read_samples(data: &[u8], grid: Option<Grid>) -> Result<Samples> {
         }
     }
     let repeated = rows - unmeasured - bins;
-    Ok(Samples { table: BrdfTable::from_values(grid, sums)?, rows, bins, unmeasured, repeated })
+    Ok(Samples { table: Table::from_values(grid, sums)?, rows, bins, unmeasured, repeated })
 }
 
 /// The bins of phi_d that the comments at the start name.
@@ -404,7 +404,7 @@ mod tests {
         Plan::draw(grid, Sampling::from_ratio(0.02).unwrap(), 3, [15, 15, 15], None).unwrap()
     }
 
-    fn text_of(plan: &Plan, table: Option<&BrdfTable>) -> String {
+    fn text_of(plan: &Plan, table: Option<&Table>) -> String {
         let mut text = Vec::new();
         write_plan(plan, table, &mut text).unwrap();
         String::from_utf8(text).unwrap()
@@ -433,7 +433,7 @@ mod tests {
             let mut values: Vec<f64> = (0..3 * n).map(|i| (i % 977) as f64 * 0.1).collect();
             let first = plan.position(&plan.rows[0]);
             values[n + first] = -1.0;
-            let full = BrdfTable::from_values(grid.clone(), values).unwrap();
+            let full = Table::from_values(grid.clone(), values).unwrap();
             let samples = table(&text_of(&plan, Some(&full)));
             assert_eq!((samples.rows, samples.unmeasured, samples.repeated), (plan.rows.len(), 1, 0));
             assert_eq!(samples.bins, plan.rows.len() - 1);
@@ -453,7 +453,7 @@ mod tests {
     fn any_group_of_columns_says_the_bin() {
         let grid = Grid::merl();
         let plan = plan(&grid);
-        let full = BrdfTable::from_values(grid.clone(), vec![1.0; 3 * grid.positions()]).unwrap();
+        let full = Table::from_values(grid.clone(), vec![1.0; 3 * grid.positions()]).unwrap();
         let text = text_of(&plan, Some(&full));
         let expected = table(&text);
         for kept in [0..3, 3..6, 6..12, 12..16] {

@@ -6,7 +6,7 @@
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use super::BrdfTable;
+use super::Table;
 use crate::base::error::{Error, Result};
 use crate::table::grid::{AxisName, Grid};
 
@@ -73,7 +73,7 @@ impl Recipe {
     ///
     /// # Errors
     /// Those of [`Recipe::synthesise`].
-    pub fn merl(&self) -> Result<BrdfTable> {
+    pub fn merl(&self) -> Result<Table> {
         self.synthesise(&Grid::merl())
     }
 
@@ -85,7 +85,7 @@ impl Recipe {
     ///
     /// # Errors
     /// `InvalidArgument` if a field is outside its range or the grid has another axis.
-    pub fn synthesise(&self, grid: &Grid) -> Result<BrdfTable> {
+    pub fn synthesise(&self, grid: &Grid) -> Result<Table> {
         self.check(grid)?;
         let (mut values, possible) = self.evaluate(grid);
         let mut keep = possible.clone();
@@ -102,7 +102,7 @@ impl Recipe {
                 }
             }
         }
-        BrdfTable::from_values(grid.clone(), values)
+        Table::from_values(grid.clone(), values)
     }
 
     fn check(&self, grid: &Grid) -> Result<()> {

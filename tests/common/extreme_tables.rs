@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use csbrdf::encode::contract::Contract;
 use csbrdf::encode::{Effort, Encoder, Preset};
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 use csbrdf::table::grid::{Axis, AxisName, Channel, Grid, Mapping};
 
 /// A table and how far from it a file may be.
@@ -12,7 +12,7 @@ pub struct Case {
     /// What it is.
     pub name: &'static str,
     /// The table.
-    pub table: BrdfTable,
+    pub table: Table,
     /// Most that any valid entry's ln(f + eps) may be off where every entry is a sample.
     pub log_max: f64,
 }
@@ -84,7 +84,7 @@ pub fn cases() -> Vec<Case> {
         let grid = grid(lens, count).expect("within the limits");
         let n = grid.positions();
         let values = (0..count).flat_map(|c| (0..n).map(move |i| value(c, i))).collect();
-        Case { name, table: BrdfTable::from_values(grid, values).expect("as many as the grid has"), log_max }
+        Case { name, table: Table::from_values(grid, values).expect("as many as the grid has"), log_max }
     };
     let usual = |name, log_max, value: &dyn Fn(usize, usize) -> f64| case(name, &USUAL, 3, log_max, value);
     // From 10^-300 to 10^300 along the table, and the same in an order without any.

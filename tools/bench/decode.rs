@@ -6,7 +6,7 @@
 use std::hint::black_box;
 
 use criterion::{BenchmarkGroup, Criterion, Throughput, measurement::WallTime};
-use csbrdf::brdf::eval::Brdf;
+use csbrdf::BrdfOptions;
 use csbrdf::codec::sample::SplitMix64;
 use csbrdf::decode::{Reader, Scratch};
 use csbrdf::encode::Encoder;
@@ -87,7 +87,7 @@ fn whole(
 /// Directions at random, with every block in the cache.
 fn look_ups(group: &mut BenchmarkGroup<WallTime>, path: &std::path::Path, table: &[f32]) -> Result<(), Failure> {
     const PAIRS: usize = 10_000;
-    let brdf = Brdf::open(Reader::open_path(path)?)?.with_cache_bytes(usize::MAX);
+    let brdf = BrdfOptions::new().cache_bytes(usize::MAX).open(path)?;
     let grid = brdf.reader().grid();
     let (wi, wo) = raw::directions(PAIRS, &mut SplitMix64(1));
     let mut value = vec![0.0; grid.channels().len()];

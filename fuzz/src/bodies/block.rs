@@ -1,7 +1,7 @@
 //! One record of arbitrary bytes within a golden file: what random bytes as a whole file would seldom reach. The first byte
 //! chooses the file, the second the block.
 
-use csbrdf::decode::{Pruned, Reader, Scratch};
+use csbrdf::decode::{PrunedPolicy, Reader, Scratch};
 
 use super::golden::chosen;
 use super::seal::sealed;
@@ -18,7 +18,7 @@ pub fn run(data: &[u8]) {
         *to = *from;
     }
     let changed = sealed(&changed);
-    let reader = Reader::open(&changed[..]).expect("the header is as it was").with_pruned(Pruned::Coarse);
+    let reader = Reader::open(&changed[..]).expect("the header is as it was").with_pruned(PrunedPolicy::Coarse);
     let mut values = vec![f32::NAN; reader.block_values(block).expect("an existing block")];
     let fresh = reader.block_into(block, &mut values);
     // A scratch that another block has used, and a buffer with other contents, change nothing.

@@ -3,7 +3,7 @@
 
 use csbrdf::base::error::Error;
 use csbrdf::codec::sample::SplitMix64;
-use csbrdf::decode::{Pruned, Reader};
+use csbrdf::decode::{PrunedPolicy, Reader};
 use csbrdf::format::Limits;
 
 use super::recipe;
@@ -26,7 +26,7 @@ pub fn file(number: u64) -> Vec<u8> {
 /// refused of these is `-`.
 pub fn verdict(file: &[u8]) -> String {
     let reader = match Reader::open_with_limits(file, LIMITS) {
-        Ok(reader) => reader.with_pruned(Pruned::Coarse),
+        Ok(reader) => reader.with_pruned(PrunedPolicy::Coarse),
         Err(Error::LimitExceeded { .. }) => return "limit".into(),
         Err(_) => return "refused".into(),
     };

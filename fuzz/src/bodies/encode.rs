@@ -8,10 +8,10 @@ use csbrdf::assess::proof::prove;
 use csbrdf::base::error::Error;
 use csbrdf::codec::fourier::Basis;
 use csbrdf::codec::sample::Sampling;
-use csbrdf::decode::{Pruned, Reader};
+use csbrdf::decode::{PrunedPolicy, Reader};
 use csbrdf::encode::contract::Contract;
 use csbrdf::encode::{Channels, Effort, Encoder, Preset};
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 use csbrdf::table::grid::{Axis, AxisName, Channel, Grid, Mapping};
 
 use super::{is_value, same_bits};
@@ -47,7 +47,7 @@ pub fn run(data: &[u8]) {
         Err(Error::InvalidArgument(_) | Error::ContractNotMet(_)) => return,
         Err(e) => panic!("{e}"),
     };
-    let reader = Reader::open(&encoded.bytes[..]).expect("the encoder's files open").with_pruned(Pruned::Refuse);
+    let reader = Reader::open(&encoded.bytes[..]).expect("the encoder's files open").with_pruned(PrunedPolicy::Refuse);
     assert!(reader.verify().is_empty(), "{:?}", reader.verify());
     assert_eq!(reader.grid(), table.grid());
     let values = reader.decode_all().expect("it verifies");
@@ -139,7 +139,7 @@ fn magnitude(u: &mut Unstructured, least: i32, most: i32) -> Result<f64> {
 }
 
 /// `None` if it would be too large.
-fn table(u: &mut Unstructured) -> Result<Option<BrdfTable>> {
+fn table(u: &mut Unstructured) -> Result<Option<Table>> {
     use AxisName::*;
     let lens = (0..u.int_in_range(1..=4)?).map(|_| u.int_in_range(1..=18)).collect::<Result<Vec<usize>>>()?;
     let channels: usize = *u.choose(&[3, 1, 2, 4, 5])?;
@@ -169,7 +169,7 @@ fn table(u: &mut Unstructured) -> Result<Option<BrdfTable>> {
     let channel = |i| Channel { name: format!("c{i}"), wavelength: None, scale };
     let grid = Grid::new(axes, (0..channels).map(channel).collect()).expect("within the limits");
     let values = (0..grid.positions() * channels).map(|_| value(u)).collect::<Result<_>>()?;
-    Ok(Some(BrdfTable::from_values(grid, values).expect("as many as the grid has")))
+    Ok(Some(Table::from_values(grid, values).expect("as many as the grid has")))
 }
 
 fn value(u: &mut Unstructured) -> Result<f64> {

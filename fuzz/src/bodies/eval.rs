@@ -2,8 +2,8 @@
 //! says how and where; the file follows.
 
 use arbitrary::{Result, Unstructured};
-use csbrdf::brdf::eval::Brdf;
-use csbrdf::decode::{Pruned, Reader};
+use csbrdf::BrdfOptions;
+use csbrdf::decode::PrunedPolicy;
 use csbrdf::table::coords::Lookup;
 
 use super::seal::sealed;
@@ -52,13 +52,10 @@ pub fn run(data: &[u8]) {
         pairs.push((wi, wo));
     }
     let file = sealed(file);
-    let pruned = if how & 1 == 0 { Pruned::Coarse } else { Pruned::Refuse };
+    let pruned = if how & 1 == 0 { PrunedPolicy::Coarse } else { PrunedPolicy::Refuse };
     let lookup = if how & 2 == 0 { Lookup::Linear } else { Lookup::Nearest };
-    let open = || {
-        let reader = Reader::open_with_limits(&file[..], LIMITS).ok()?.with_pruned(pruned);
-        Some(Brdf::open(reader).ok()?.with_lookup(lookup))
-    };
-    let Some(brdf) = open() else { return };
+    let options = BrdfOptions::new().limits(LIMITS).pruned(pruned).lookup(lookup);
+    let Ok(brdf) = options.from_bytes(file.to_vec()) else { return };
     let channels = brdf.reader().grid().channels().len();
     let mut values = vec![f32::NAN; pairs.len() * channels];
     let mut failed = false;
@@ -69,7 +66,7 @@ pub fn run(data: &[u8]) {
         }
     }
     // Many at once, with a cache of another size: the same bits, and damage is seen either way.
-    let brdf = open().expect("as before").with_cache_bytes(usize::from(cache) << 10);
+    let brdf = options.cache_bytes(usize::from(cache) << 10).from_bytes(file.to_vec()).expect("as before");
     let (wi, wo): (Vec<_>, Vec<_>) = pairs.iter().copied().unzip();
     let mut many = vec![f32::NAN; values.len()];
     match brdf.eval_many(&wi, &wo, &mut many) {

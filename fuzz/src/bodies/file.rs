@@ -2,22 +2,23 @@
 
 use std::time::Instant;
 
+use csbrdf::Bytes;
 use csbrdf::base::error::Error;
-use csbrdf::brdf::eval::Brdf;
+use csbrdf::brdf::Brdf;
 use csbrdf::brdf::importance::Importance;
-use csbrdf::decode::{Pruned, Reader};
+use csbrdf::decode::{PrunedPolicy, Reader};
 
 use super::seal::sealed;
 use super::{LIMITS, TIGHT, is_value, same_bits};
 
 /// The same with hardly any operations and bytes: a call does what it does without bounds, or names the one that it would break, and
 /// in either case ends soon.
-fn within_tight_limits(data: &[u8], reader: &Reader<&[u8]>) {
+fn within_tight_limits(data: &[u8], reader: &Reader) {
     let start = Instant::now();
-    let Ok(tight) = Reader::open_with_limits(data, TIGHT) else { return };
-    let tight = tight.with_pruned(Pruned::Coarse);
+    let Ok(tight) = Reader::open_with_limits(Bytes::from(data.to_vec()), TIGHT) else { return };
+    let tight = tight.with_pruned(PrunedPolicy::Coarse);
     for block in 0..reader.block_count().min(4) {
-        let values = |reader: &Reader<&[u8]>| {
+        let values = |reader: &Reader| {
             let mut values = vec![f32::NAN; reader.block_values(block).expect("a block")];
             reader.block_into(block, &mut values).map(|()| values)
         };
@@ -31,7 +32,7 @@ fn within_tight_limits(data: &[u8], reader: &Reader<&[u8]>) {
         let _ = (tight.block_info(block), tight.block_origin(block));
     }
     let _ = Importance::new(&tight);
-    if let Ok(brdf) = Brdf::open(tight.with_one_budget()) {
+    if let Ok(brdf) = Brdf::from_reader(tight.with_one_budget()) {
         let mut value = vec![0.0; brdf.reader().grid().channels().len()];
         for _ in 0..4 {
             let _ = brdf.eval_into([0.1, 0.2, 0.9], [-0.6, 0.1, 0.7], &mut value);
@@ -42,8 +43,8 @@ fn within_tight_limits(data: &[u8], reader: &Reader<&[u8]>) {
 
 pub fn run(data: &[u8]) {
     let data = sealed(data);
-    let Ok(reader) = Reader::open_with_limits(&data[..], LIMITS) else { return };
-    let reader = reader.with_pruned(Pruned::Coarse);
+    let Ok(reader) = Reader::open_with_limits(Bytes::from(data.to_vec()), LIMITS) else { return };
+    let reader = reader.with_pruned(PrunedPolicy::Coarse);
     within_tight_limits(&data, &reader);
     let channels = reader.grid().channels().len();
     if reader.grid().positions() * channels > LIMITS.table_values {
@@ -68,7 +69,7 @@ pub fn run(data: &[u8]) {
     for block in 0..reader.block_count().min(4) {
         let _ = (reader.block_info(block), reader.block_origin(block));
     }
-    if let Ok(brdf) = Brdf::open(reader) {
+    if let Ok(brdf) = Brdf::from_reader(reader) {
         let (wi, wo) = ([[0.1, 0.2, 0.9], [0.0, 0.0, 1.0]], [[-0.6, 0.1, 0.7], [0.9, 0.0, 0.1]]);
         let (mut value, mut many) = (vec![f32::NAN; channels], vec![f32::NAN; 2 * channels]);
         let single = brdf.eval_into(wi[0], wo[0], &mut value);

@@ -1,13 +1,14 @@
 //! Opening arbitrary bytes: header sections, index, metadata, and what can be asked without touching a block.
 
-use csbrdf::brdf::eval::Brdf;
+use csbrdf::Bytes;
+use csbrdf::brdf::Brdf;
 use csbrdf::decode::Reader;
 
 use super::seal::sealed;
 
 pub fn run(data: &[u8]) {
     let data = sealed(data);
-    let reader = match Reader::open(&data[..]) {
+    let reader = match Reader::open(Bytes::from(data.to_vec())) {
         Ok(reader) => reader,
         Err(e) => return assert!(!e.to_string().is_empty()),
     };
@@ -24,5 +25,5 @@ pub fn run(data: &[u8]) {
     let (first, last) = (reader.record_range(0).expect("a block"), reader.record_range(blocks - 1).expect("a block"));
     assert_eq!((first.start, last.end), (records.range.start, records.range.end));
     assert!(reader.record_range(blocks).is_err() && reader.block_values(blocks).is_err());
-    let _ = Brdf::open(reader);
+    let _ = Brdf::from_reader(reader);
 }

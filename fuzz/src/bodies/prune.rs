@@ -4,7 +4,7 @@
 
 use csbrdf::base::error::Error;
 use csbrdf::brdf::touched::Touched;
-use csbrdf::decode::{Pruned, Reader};
+use csbrdf::decode::{PrunedPolicy, Reader};
 use csbrdf::edit::prune::Pruner;
 
 use super::golden::chosen;
@@ -37,7 +37,7 @@ pub fn run(data: &[u8]) {
     assert_eq!(pruned.kept + pruned.pruned, blocks);
     let small = Reader::open(&pruned.bytes[..]).expect("what prune makes opens");
     assert!(small.verify().is_empty(), "{:?}", small.verify());
-    let coarse = Reader::open(&pruned.bytes[..]).expect("as before").with_pruned(Pruned::Coarse);
+    let coarse = Reader::open(&pruned.bytes[..]).expect("as before").with_pruned(PrunedPolicy::Coarse);
     let block = |reader: &Reader<&[u8]>, block| {
         let mut values = vec![f32::NAN; reader.block_values(block).expect("a block")];
         reader.block_into(block, &mut values).map(|()| values)

@@ -8,7 +8,7 @@ use std::sync::OnceLock;
 
 use csbrdf::base::error::Error;
 use csbrdf::codec::sample::SplitMix64;
-use csbrdf::decode::{Pruned, Reader};
+use csbrdf::decode::{PrunedPolicy, Reader};
 use csbrdf::edit::salvage::{Damage, Outcome, Salvaged, repair, salvage_with_limits};
 use csbrdf::format::Limits;
 use csbrdf::format::metadata::Metadata;
@@ -50,7 +50,7 @@ struct Block {
 
 impl Original {
     fn of(file: &'static [u8]) -> Original {
-        let reader = Reader::open(file).expect("golden files open").with_pruned(Pruned::Coarse);
+        let reader = Reader::open(file).expect("golden files open").with_pruned(PrunedPolicy::Coarse);
         let blocks = (0..reader.block_count()).map(|block| {
             let values = of_block(&reader, block).expect("a golden file decodes");
             let valid = reader.block_validity(block).expect("a golden file decodes");
@@ -237,7 +237,7 @@ fn means(original: &Reader<&[u8]>) -> Option<Vec<Vec<f32>>> {
     let trace = format!("csbrdf trace 1\nblocks {} index {:08x}\n", original.block_count(), index.crc);
     let touched = csbrdf::brdf::touched::Touched::from_text(&trace).ok()?;
     let pruned = csbrdf::edit::prune::Pruner::new().blocks(&touched).prune(original).ok()?;
-    let means = Reader::open(&pruned.bytes[..]).expect("what prune makes opens").with_pruned(Pruned::Coarse);
+    let means = Reader::open(&pruned.bytes[..]).expect("what prune makes opens").with_pruned(PrunedPolicy::Coarse);
     Some((0..means.block_count()).map(|block| of_block(&means, block).expect("a mean")).collect())
 }
 
@@ -270,7 +270,7 @@ fn written(original: &Original, bytes: &[u8], lost: &[usize]) {
     let strict = Reader::open_with_limits(bytes, LIMITS).expect("a repaired file opens");
     assert!(strict.verify().is_empty(), "a repaired file is damaged: {:?}", strict.verify());
     assert!(lost.iter().all(|&block| of_block(&strict, block).is_err()), "what is lost is given out");
-    kept(original, &strict.with_pruned(Pruned::Coarse), lost, "repair");
+    kept(original, &strict.with_pruned(PrunedPolicy::Coarse), lost, "repair");
     let again = repair(bytes, LIMITS).expect("a repaired file is repaired again");
     assert!(again.salvaged.damage().is_empty() && again.salvaged.lost().is_empty());
     assert!(again.bytes == bytes, "a repaired file does not repair to itself");

@@ -1,7 +1,7 @@
 //! Decodes into buffers that are not empty, with a scratch that other blocks and another file have used: the same bits as with
 //! fresh ones. The head gives fillings and blocks in order; the file follows.
 
-use csbrdf::decode::{Pruned, Reader, Scratch};
+use csbrdf::decode::{PrunedPolicy, Reader, Scratch};
 
 use super::golden::chosen;
 use super::seal::sealed;
@@ -14,11 +14,11 @@ pub fn run(data: &[u8]) {
     let Some((head, file)) = data.split_at_checked(HEAD) else { return };
     let file = sealed(file);
     let Ok(reader) = Reader::open_with_limits(&file[..], LIMITS) else { return };
-    let reader = reader.with_pruned(Pruned::Coarse);
+    let reader = reader.with_pruned(PrunedPolicy::Coarse);
     let [fill, other, order @ ..] = head else { return };
     let fill = f32::from_bits(u32::from_le_bytes([*fill, !*fill, *fill, *fill]));
     let mut scratch = Scratch::default();
-    let other = Reader::open(chosen(*other)).expect("golden files open").with_pruned(Pruned::Coarse);
+    let other = Reader::open(chosen(*other)).expect("golden files open").with_pruned(PrunedPolicy::Coarse);
     for (step, &number) in order.iter().enumerate() {
         if step % 4 == 3 {
             let block = usize::from(number) % other.block_count();

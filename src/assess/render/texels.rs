@@ -1,6 +1,6 @@
 //! A table as the renderers read it.
 
-use crate::table::BrdfTable;
+use crate::table::Table;
 use crate::table::coords::{Lookup, grid_coordinates, taps};
 use crate::table::grid::Grid;
 
@@ -18,7 +18,7 @@ pub struct Texels {
 
 impl Texels {
     /// A copy of the table's colours.
-    pub fn new(table: &BrdfTable) -> Texels {
+    pub fn new(table: &Table) -> Texels {
         let grid = table.grid().clone();
         let channels = colour_channels(&grid);
         let values = (0..grid.positions())

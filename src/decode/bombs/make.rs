@@ -257,7 +257,7 @@ pub(super) fn worst(name: &str) -> Vec<u8> {
 fn lossless() -> Vec<u8> {
     let grid = Bomb { lens: [128, 128, 64], ..Bomb::default() }.grid();
     let values = vec![0.5; grid.positions()];
-    let table = crate::table::BrdfTable::from_values(grid, values).unwrap();
+    let table = crate::table::Table::from_values(grid, values).unwrap();
     let encoder = crate::encode::Encoder::new().block_shape(&[128, 128, 64]).lossless(true).profile(false);
     encoder.encode(&table).unwrap().bytes
 }

@@ -88,20 +88,20 @@ mod tests {
     use crate::brdf::touched::Touched;
     use crate::codec::fourier::Basis;
     use crate::codec::sample::{Sampling, SplitMix64};
-    use crate::decode::{Pruned, Reader};
+    use crate::decode::{PrunedPolicy, Reader};
     use crate::edit::prune::Pruner;
     use crate::encode::contract::Contract;
     use crate::encode::{Channels, Encoder, Preset};
     use crate::format::directory::{self, write_file};
     use crate::format::header::write_coding;
-    use crate::table::BrdfTable;
+    use crate::table::Table;
     use crate::table::grid::{Axis, AxisName, Channel, Mapping};
     use proptest::prelude::*;
 
     const SHAPE: [usize; 3] = [5, 4, 7];
 
     /// A table over half and difference angles with holes and exact zeros, in common or each channel its own.
-    fn table(channels: usize, common: bool, seed: u64) -> BrdfTable {
+    fn table(channels: usize, common: bool, seed: u64) -> Table {
         let axis = |name, len, mapping, end| Axis { name, len, mapping, start: 0.0, end };
         let axes = vec![
             axis(AxisName::ThetaH, 9, Mapping::Square, 1.5),
@@ -124,7 +124,7 @@ mod tests {
         };
         let values: Vec<f64> = (0..n * channels).map(value).collect();
         let valid = values.iter().map(|v| v.is_finite()).collect();
-        BrdfTable::from_parts(grid, values, valid).unwrap()
+        Table::from_parts(grid, values, valid).unwrap()
     }
 
     fn encoder() -> Encoder {
@@ -139,9 +139,9 @@ mod tests {
 
     /// Prunes, and checks that what is kept is what it was; gives the file.
     fn kept(bytes: &[u8], channels: &[usize]) -> Vec<u8> {
-        let reader = Reader::open(bytes).unwrap().with_pruned(Pruned::Coarse);
+        let reader = Reader::open(bytes).unwrap().with_pruned(PrunedPolicy::Coarse);
         let pruned = Pruner::new().channels(channels).prune(&reader).unwrap();
-        let small = Reader::open(&pruned.bytes[..]).unwrap().with_pruned(Pruned::Coarse);
+        let small = Reader::open(&pruned.bytes[..]).unwrap().with_pruned(PrunedPolicy::Coarse);
         assert!(small.verify().is_empty(), "{:?}", small.verify());
         let mut sorted = channels.to_vec();
         sorted.sort_unstable();
@@ -162,7 +162,7 @@ mod tests {
     }
 
     /// Largest and rms error of ln(f + eps) of a block over its valid entries.
-    fn errors(table: &BrdfTable, channels: &[usize], reader: &Reader<&[u8]>, number: usize) -> (f64, f64) {
+    fn errors(table: &Table, channels: &[usize], reader: &Reader<&[u8]>, number: usize) -> (f64, f64) {
         let (place, valid) = (reader.place(number).unwrap(), reader.block_validity(number).unwrap());
         let (n, eps) = (place.positions(), reader.coding().eps);
         let mut original = vec![0.0; n];

@@ -8,7 +8,7 @@ use super::index::Records;
 use super::{Damage, MIN_RECORD, Options, Outcome, Salvaged, exact, usual};
 use crate::base::budget::{Budget, with_room};
 use crate::base::error::{Error, Result};
-use crate::decode::{Header, Pruned, Reader, Scratch, read_header};
+use crate::decode::{Header, PrunedPolicy, Reader, Scratch, read_header};
 use crate::format::directory::{self, Directory, Section};
 use crate::format::index::{Entry, Index, LOST};
 use crate::format::record::{ValidityClass, checksum};
@@ -320,7 +320,8 @@ impl Gathering<'_> {
         let version = (self.head.version.0, self.head.version.1, draft);
         let image = std::mem::take(&mut self.image);
         let directory = Directory::of(version, image.sections);
-        let reader = Reader::of(image.bytes, self.options.limits, directory, header, index).with_pruned(Pruned::Coarse);
+        let reader =
+            Reader::of(image.bytes, self.options.limits, directory, header, index).with_pruned(PrunedPolicy::Coarse);
         for Flipped { section, name, row } in std::mem::take(&mut self.flipped) {
             let bits = self.evidence_of(&reader, name, &section)?;
             if bits < self.options.evidence {

@@ -10,13 +10,10 @@ mod importance;
 use std::ffi::{CStr, c_char};
 use std::path::Path;
 use std::ptr;
-use std::sync::Arc;
 
 use codec::base::map::map_file;
-use codec::brdf::eval::Brdf;
-use codec::decode::{Pruned, Reader};
-use codec::format::Limits;
 use codec::table::coords::Lookup;
+use codec::{Brdf, BrdfOptions, Bytes, Limits, PrunedPolicy, Reader};
 
 // Programs use them, what includes this file as a module (the fuzz targets) may not.
 #[allow(unused_imports)]
@@ -105,23 +102,7 @@ const LEAST_OPTIONS: usize = std::mem::offset_of!(csbrdf_options, max_table_valu
 const MAX_OPTIONS: usize = 4096;
 
 /// An open file.
-pub struct csbrdf_brdf(Contents);
-
-enum Contents {
-    Brdf(Brdf<Bytes>),
-    /// The axes are no directions, as the text says.
-    Table(Reader<Bytes>, String),
-}
-
-/// The bytes of a file, mapped or owned.
-#[derive(Clone)]
-struct Bytes(Arc<dyn AsRef<[u8]> + Send + Sync>);
-
-impl AsRef<[u8]> for Bytes {
-    fn as_ref(&self) -> &[u8] {
-        (*self.0).as_ref()
-    }
-}
+pub struct csbrdf_brdf(Brdf);
 
 // The header promises that threads may share a handle.
 const _: fn() = || {
@@ -144,35 +125,18 @@ impl csbrdf_brdf {
         if options.max_block_values != 0 {
             limits.block_values = options.max_block_values;
         }
-        let pruned = if options.pruned == CSBRDF_PRUNED_COARSE { Pruned::Coarse } else { Pruned::Refuse };
-        let open = |bytes| Ok::<_, codec::Error>(Reader::open_with_limits(bytes, limits)?.with_pruned(pruned));
-        let brdf = match Brdf::open(open(bytes.clone())?) {
-            Ok(brdf) => brdf,
-            Err(codec::Error::InvalidArgument(why)) => {
-                return Ok(csbrdf_brdf(Contents::Table(open(bytes)?, why)));
-            }
-            Err(e) => return Err(e),
-        };
-        let brdf = match options.cache_bytes {
-            0 => brdf,
-            bytes => brdf.with_cache_bytes(bytes),
-        };
+        let pruned = if options.pruned == CSBRDF_PRUNED_COARSE { PrunedPolicy::Coarse } else { PrunedPolicy::Refuse };
         let lookup = if options.lookup == CSBRDF_LOOKUP_NEAREST { Lookup::Nearest } else { Lookup::Linear };
-        Ok(csbrdf_brdf(Contents::Brdf(brdf.with_lookup(lookup))))
+        let how = BrdfOptions::new().limits(limits).pruned(pruned).lookup(lookup).any_axes(true);
+        let how = match options.cache_bytes {
+            0 => how,
+            bytes => how.cache_bytes(bytes),
+        };
+        Ok(csbrdf_brdf(how.from_bytes(bytes)?))
     }
 
-    fn reader(&self) -> &Reader<Bytes> {
-        match &self.0 {
-            Contents::Brdf(brdf) => brdf.reader(),
-            Contents::Table(reader, _) => reader,
-        }
-    }
-
-    fn brdf(&self) -> Outcome<&Brdf<Bytes>> {
-        match &self.0 {
-            Contents::Brdf(brdf) => Ok(brdf),
-            Contents::Table(_, why) => Err(invalid(why)),
-        }
+    fn reader(&self) -> &Reader {
+        self.0.reader()
     }
 
     fn channels(&self) -> usize {
@@ -310,7 +274,7 @@ pub unsafe extern "C" fn csbrdf_open_path_with(
     let open = |options: &csbrdf_options| {
         // SAFETY: the header asks for a string.
         let path = Path::new(unsafe { string(utf8_path, "utf8_path") }?);
-        let bytes = Bytes(Arc::new(map_file(path)?));
+        let bytes = Bytes::from(map_file(path)?);
         Ok(csbrdf_brdf::open(bytes, options).map_err(|e| e.in_file(path))?)
     };
     // SAFETY: the header asks for options or NULL, and for a place to write to.
@@ -336,7 +300,7 @@ pub unsafe extern "C" fn csbrdf_open_memory_with(
     let open = |options: &csbrdf_options| {
         // SAFETY: the header asks for `size` bytes.
         let bytes = unsafe { array(data, size, "data") }?.to_vec();
-        Ok(csbrdf_brdf::open(Bytes(Arc::new(bytes)), options)?)
+        Ok(csbrdf_brdf::open(Bytes::from(bytes), options)?)
     };
     // SAFETY: the header asks for options or NULL, and for a place to write to.
     unsafe { open_with(options, out, open) }
@@ -500,7 +464,7 @@ pub unsafe extern "C" fn csbrdf_eval_many(
     guard(|| {
         // SAFETY: the header asks for an open handle.
         let brdf = unsafe { shared(brdf, "brdf") }?;
-        let (channels, brdf) = (brdf.channels(), brdf.brdf()?);
+        let channels = brdf.channels();
         check_length("out", length, count.checked_mul(channels))?;
         // SAFETY: the header asks for `count` vectors in each of two arrays, and for `length` values that nobody else
         // uses.
@@ -509,6 +473,6 @@ pub unsafe extern "C" fn csbrdf_eval_many(
             let wo = array(wo.cast::<[f64; 3]>(), count, "wo")?;
             (wi, wo, buffer(out, length, "out")?)
         };
-        Ok(brdf.eval_many(wi, wo, out)?)
+        Ok(brdf.0.eval_many(wi, wo, out)?)
     })
 }

@@ -12,7 +12,7 @@ use csbrdf::table::block::Block;
 use crate::args::{DecodeArgs, FormatArg};
 use crate::failure::{Failure, Outcome};
 use crate::guard::Guard;
-use crate::input::{self, Bytes, is_dash};
+use crate::input::{self, is_dash};
 use crate::output::Target;
 use crate::quote::csv;
 use crate::salvage;
@@ -40,7 +40,7 @@ pub fn run(args: &DecodeArgs, quiet: bool) -> Outcome {
 }
 
 /// What is asked for of an intact file.
-fn write(reader: &Reader<Bytes>, args: &DecodeArgs, format: FormatArg, target: &Target, guard: &Guard) -> Outcome {
+fn write(reader: &Reader, args: &DecodeArgs, format: FormatArg, target: &Target, guard: &Guard) -> Outcome {
     let failed = |e: csbrdf::Error| Failure::in_file(&args.input, &e);
     if let Some(list) = &args.block {
         let number = block_number(reader, &list.0).map_err(Failure::usage)?;
@@ -163,7 +163,7 @@ struct Decoded {
     values: Vec<f32>,
 }
 
-fn one_block(reader: &Reader<Bytes>, number: usize, fill: bool) -> csbrdf::Result<Decoded> {
+fn one_block(reader: &Reader, number: usize, fill: bool) -> csbrdf::Result<Decoded> {
     let place = place(reader, number)?;
     let mut values = vec![0.0; reader.block_values(number)?];
     reader.block_into(number, &mut values)?;
@@ -211,7 +211,7 @@ fn array_shape<D: AsRef<[u8]>>(reader: &Reader<D>, padded: [usize; 4]) -> Vec<us
 }
 
 /// One row a position: its bin along each axis, then the channels.
-fn write_csv(reader: &Reader<Bytes>, block: &Decoded, out: &mut dyn Write) -> csbrdf::Result<()> {
+fn write_csv(reader: &Reader, block: &Decoded, out: &mut dyn Write) -> csbrdf::Result<()> {
     let grid = reader.grid();
     let axes = grid.axes().iter().map(|a| format!("{}_bin", a.name.as_str()));
     let head: Vec<String> = axes.chain(grid.channels().iter().map(|c| csv(&c.name).into_owned())).collect();

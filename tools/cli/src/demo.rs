@@ -5,10 +5,10 @@ use std::time::Instant;
 
 use csbrdf::assess::metrics::compare;
 use csbrdf::assess::render::{psnr, sphere_of_table};
-use csbrdf::brdf::eval::Brdf;
+use csbrdf::brdf::Brdf;
 use csbrdf::decode::Reader;
 use csbrdf::encode::Encoder;
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 use csbrdf::table::synth::Recipe;
 
 use crate::args::DemoArgs;
@@ -82,7 +82,7 @@ pub fn run(args: &DemoArgs) -> Outcome {
     row("encode", format!("{encode:.2} s"));
     row("decode, whole table", format!("{:.0} ms", 1e3 * decode));
     row("open and decode one block", format!("{:.2} ms", 1e3 * first_block));
-    let brdf = Brdf::open(reader).map_err(failed)?;
+    let brdf = Brdf::from_bytes(bytes.clone()).map_err(failed)?;
     let _ = writeln!(text, "\n  {:<34} {:>9} {:>9} {:>9}", "BRDF in 1/sr, light at -45 degrees", "R", "G", "B");
     for degrees in [15.0f64, 45.0, 75.0] {
         let (sin, cos) = degrees.to_radians().sin_cos();
@@ -103,7 +103,7 @@ pub fn run(args: &DemoArgs) -> Outcome {
 }
 
 /// Render PSNR and the picture of two tables.
-fn pictures(reference: &BrdfTable, decoded: &BrdfTable, size: usize) -> csbrdf::Result<(f64, Picture)> {
+fn pictures(reference: &Table, decoded: &Table, size: usize) -> csbrdf::Result<(f64, Picture)> {
     let images = rayon::join(|| sphere_of_table(reference, size), || sphere_of_table(decoded, size));
     Ok((psnr(&images.0, &images.1)?, Picture::comparison(&images.0, &images.1)?))
 }

@@ -14,7 +14,7 @@ use csbrdf::encode::contract::Contract;
 use csbrdf::encode::{Channels, Effort, Encoder, Preset};
 use csbrdf::format::metadata::Metadata;
 use csbrdf::io::merl::read_merl;
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use sha2::{Digest, Sha256};
 
@@ -246,7 +246,7 @@ pub fn metadata(pairs: &[(String, String)]) -> Result<Metadata, Failure> {
 }
 
 /// A MERL table's bytes as a table and the metadata of its file.
-pub fn parse(input: &Path, bytes: &[u8], metadata: &Metadata) -> Result<(BrdfTable, Metadata), Failure> {
+pub fn parse(input: &Path, bytes: &[u8], metadata: &Metadata) -> Result<(Table, Metadata), Failure> {
     let (table, hash) = rayon::join(|| read_merl(bytes), || hex(&Sha256::digest(bytes)));
     let table = table.map_err(|e| Failure::in_file(input, &e))?;
     let metadata = describe(input, hash, &table, metadata)?;
@@ -254,7 +254,7 @@ pub fn parse(input: &Path, bytes: &[u8], metadata: &Metadata) -> Result<(BrdfTab
 }
 
 /// The metadata of a table's file: that given, and the input's name and hash. A table without valid entries fails.
-fn describe(input: &Path, sha256: String, table: &BrdfTable, metadata: &Metadata) -> Result<Metadata, Failure> {
+fn describe(input: &Path, sha256: String, table: &Table, metadata: &Metadata) -> Result<Metadata, Failure> {
     if table.valid_count() == 0 {
         let what = "no entry is valid: all are negative, NaN or infinite; there is nothing to encode";
         return Err(Failure::bad_input(input, what));

@@ -3,14 +3,14 @@
 use std::io::{BufRead, BufReader, BufWriter, IsTerminal, Read, Write};
 use std::path::{Path, PathBuf};
 
-use csbrdf::brdf::eval::Brdf;
 use csbrdf::table::coords::Lookup;
+use csbrdf::{Brdf, BrdfOptions};
 use serde_json::json;
 
 use crate::args::{EvalArgs, LookupArg, numbers};
 use crate::failure::{Failure, Outcome};
 use crate::guard::Guard;
-use crate::input::{self, Bytes, is_dash};
+use crate::input::{self, is_dash};
 use crate::output::Target;
 use crate::prune::write_trace;
 use crate::quote;
@@ -51,7 +51,7 @@ pub fn run(args: &EvalArgs, quiet: bool) -> Outcome {
         LookupArg::Nearest => Lookup::Nearest,
         LookupArg::Linear => Lookup::Linear,
     };
-    let brdf = Brdf::open(reader).map_err(|e| Failure::in_file(&args.input, &e))?.with_lookup(lookup);
+    let brdf = BrdfOptions::new().lookup(lookup).from_reader(reader).map_err(|e| Failure::in_file(&args.input, &e))?;
     let mut printer = Printer {
         input: &args.input,
         json: args.json,
@@ -113,7 +113,7 @@ fn each_pair(path: &Path, mut from: impl BufRead, mut work: impl FnMut(Pair) -> 
 
 struct Printer<'a, W: Write> {
     input: &'a Path,
-    brdf: Brdf<Bytes>,
+    brdf: Brdf,
     names: Vec<String>,
     values: Vec<f32>,
     json: bool,

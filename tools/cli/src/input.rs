@@ -3,33 +3,17 @@
 use std::path::Path;
 use std::sync::OnceLock;
 
-use csbrdf::decode::{Pruned, Reader};
+pub use csbrdf::Bytes;
+use csbrdf::decode::{PrunedPolicy, Reader};
 use csbrdf::format::{Limits, MAGIC};
 use csbrdf::io::merl::read_merl;
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 
 use crate::failure::{Failure, note};
 pub use crate::formats::expect_merl;
 use crate::formats::{Kind, TABLE};
 use crate::guard::Guard;
 use crate::source::{self, Source};
-
-/// The bytes of an input.
-pub enum Bytes {
-    /// Of a large file.
-    Map(memmap2::Mmap),
-    /// Of any other file, or a pipe.
-    Heap(Vec<u8>),
-}
-
-impl AsRef<[u8]> for Bytes {
-    fn as_ref(&self) -> &[u8] {
-        match self {
-            Bytes::Map(map) => map,
-            Bytes::Heap(bytes) => bytes,
-        }
-    }
-}
 
 /// True for `-`, standard input or output.
 pub fn is_dash(path: &Path) -> bool {
@@ -76,7 +60,7 @@ pub fn reader<D: AsRef<[u8]>>(bytes: D) -> csbrdf::Result<Reader<D>> {
 }
 
 /// Opens a csbrdf file.
-pub fn open(path: &Path) -> Result<Reader<Bytes>, Failure> {
+pub fn open(path: &Path) -> Result<Reader, Failure> {
     reader(read(path, &[Kind::Csbrdf])?).map_err(|e| Failure::in_file(path, &e))
 }
 
@@ -89,13 +73,13 @@ pub fn note_needed_limit(file: impl std::fmt::Display, values: usize) {
 }
 
 /// What to make of blocks that were pruned.
-pub fn pruned(coarse: bool) -> Pruned {
-    if coarse { Pruned::Coarse } else { Pruned::Refuse }
+pub fn pruned(coarse: bool) -> PrunedPolicy {
+    if coarse { PrunedPolicy::Coarse } else { PrunedPolicy::Refuse }
 }
 
 /// The table in a file of either format, told apart by its first bytes; what the metadata of a csbrdf file name as its source is
 /// guarded.
-pub fn table(path: &Path, guard: &mut Guard) -> Result<BrdfTable, Failure> {
+pub fn table(path: &Path, guard: &mut Guard) -> Result<Table, Failure> {
     let bytes = read(path, TABLE)?;
     if !bytes.as_ref().starts_with(&MAGIC) {
         return table_of(path, bytes);
@@ -106,7 +90,7 @@ pub fn table(path: &Path, guard: &mut Guard) -> Result<BrdfTable, Failure> {
 }
 
 /// The table in the bytes of a file of either format.
-pub fn table_of(path: &Path, bytes: Bytes) -> Result<BrdfTable, Failure> {
+pub fn table_of(path: &Path, bytes: Bytes) -> Result<Table, Failure> {
     if !bytes.as_ref().starts_with(&MAGIC) {
         expect_merl(path, bytes.as_ref())?;
         return read_merl(bytes.as_ref()).map_err(|e| Failure::in_file(path, &e));

@@ -4,7 +4,7 @@ use std::fmt::Write;
 use std::path::Path;
 
 use csbrdf::assess::lint::{Deviation, Findings, Warning, lint_brdf, lint_table};
-use csbrdf::brdf::eval::Brdf;
+use csbrdf::brdf::Brdf;
 use csbrdf::format::MAGIC;
 use csbrdf::io::merl::read_merl;
 use serde_json::{Value, json};
@@ -40,7 +40,7 @@ pub fn run(args: &LintArgs) -> Outcome {
 fn look(file: &Path) -> Result<Findings, Failure> {
     let bytes = input::read(file, TABLE)?;
     let found = if bytes.as_ref().starts_with(&MAGIC) {
-        input::reader(bytes).and_then(Brdf::open).and_then(|brdf| lint_brdf(&brdf))
+        input::reader(bytes).and_then(Brdf::from_reader).and_then(|brdf| lint_brdf(&brdf))
     } else {
         input::expect_merl(file, bytes.as_ref())?;
         read_merl(bytes.as_ref()).and_then(|table| lint_table(&table))

@@ -3,7 +3,7 @@
 use csbrdf::assess::plan::Plan;
 use csbrdf::codec::sample::Sampling;
 use csbrdf::io::samples::write_plan;
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 use csbrdf::table::grid::Grid;
 
 use crate::args::PlanArgs;
@@ -54,7 +54,7 @@ pub fn merl(phi_d: &str) -> Grid {
 }
 
 /// Where all channels of a table are valid.
-fn everywhere(table: &BrdfTable) -> Vec<bool> {
+fn everywhere(table: &Table) -> Vec<bool> {
     let channels = table.grid().channels().len();
     (0..table.grid().positions()).map(|i| (0..channels).all(|c| table.valid_plane(c)[i])).collect()
 }

@@ -7,12 +7,12 @@ use std::time::Instant;
 use csbrdf::assess::render::environment::Environment;
 use csbrdf::assess::render::scene::{Ball, StillLife};
 use csbrdf::assess::render::trace::{Material, Quality, Scene, render, subject_mask};
-use csbrdf::brdf::eval::Brdf;
+use csbrdf::brdf::Brdf;
 
 use crate::args::RenderArgs;
 use crate::failure::{Failure, Outcome, note};
 use crate::guard::Guard;
-use crate::input::{self, Bytes, label};
+use crate::input::{self, label};
 use crate::output::Target;
 use crate::picture::Picture;
 use crate::prune::write_trace;
@@ -75,7 +75,7 @@ pub fn run(args: &RenderArgs, quiet: bool) -> Outcome {
     Ok(())
 }
 
-fn open(file: &Path, args: &RenderArgs) -> Result<Brdf<Bytes>, Failure> {
+fn open(file: &Path, args: &RenderArgs) -> Result<Brdf, Failure> {
     let reader = input::open(file)?.with_pruned(input::pruned(args.coarse));
     let channels = reader.grid().channels().len();
     if channels != 3 {
@@ -84,7 +84,7 @@ fn open(file: &Path, args: &RenderArgs) -> Result<Brdf<Bytes>, Failure> {
             format!("has {channels} channels; a picture needs red, green and blue"),
         ));
     }
-    Brdf::open(reader).map_err(|e| Failure::in_file(file, &e))
+    Brdf::from_reader(reader).map_err(|e| Failure::in_file(file, &e))
 }
 
 /// Renders a scene, exposed for what is to be looked at.

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use csbrdf::Error;
 use csbrdf::io::samples::read_samples;
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 use csbrdf::table::grid::Grid;
 
 use crate::failure::{Failure, note};
@@ -12,7 +12,7 @@ use crate::input::label;
 use crate::text::{grouped, percent};
 
 /// The table of a list; what was measured goes to standard error.
-pub fn table(path: &Path, bytes: &[u8], grid: Option<Grid>, quiet: bool) -> Result<BrdfTable, Failure> {
+pub fn table(path: &Path, bytes: &[u8], grid: Option<Grid>, quiet: bool) -> Result<Table, Failure> {
     let samples = read_samples(bytes, grid).map_err(|e| match e {
         // The line says where, not the offset.
         Error::Corrupt { what, .. } => Failure::bad_input(path, what),

@@ -135,11 +135,11 @@ fn read_regular(path: &Path, file: &File, length: u64, kinds: &[Kind]) -> Result
     if length <= READ_LIMIT {
         bytes.try_reserve_exact(length as usize - bytes.len()).map_err(|e| failed(e.into()))?;
         from.read_to_end(&mut bytes).map_err(failed)?;
-        return Ok(Bytes::Heap(bytes));
+        return Ok(Bytes::from(bytes));
     }
     match stated {
         Length::Exactly(stated) if length > stated => Err(goes_on(path, stated)),
-        _ => csbrdf::base::map::map_opened(file).map(Bytes::Map).map_err(|e| Failure::in_file(path, &e)),
+        _ => csbrdf::base::map::map_opened(file).map(Bytes::from).map_err(|e| Failure::in_file(path, &e)),
     }
 }
 
@@ -160,7 +160,7 @@ fn stream(path: &Path, mut from: impl Read, kinds: &[Kind]) -> Result<Bytes, Fai
     if (bytes.len() as u64) < head {
         // It has ended.
         formats::length(path, &bytes, bytes.len() as u64, kinds)?;
-        return Ok(Bytes::Heap(bytes));
+        return Ok(Bytes::from(bytes));
     }
     let (most, stated) = match formats::length(path, &bytes, STREAM_LIMIT, kinds)? {
         Length::Exactly(stated) => (stated.min(STREAM_LIMIT), Some(stated)),
@@ -169,7 +169,7 @@ fn stream(path: &Path, mut from: impl Read, kinds: &[Kind]) -> Result<Bytes, Fai
     // One more than may be: the end must follow.
     read(&mut bytes, most + 1)?;
     match stated {
-        _ if bytes.len() as u64 <= most => Ok(Bytes::Heap(bytes)),
+        _ if bytes.len() as u64 <= most => Ok(Bytes::from(bytes)),
         Some(stated) if stated == most => Err(goes_on(path, stated)),
         _ => {
             let what = format!("more than {most} bytes came through the pipe; write them to a file and name it");

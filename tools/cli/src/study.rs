@@ -24,7 +24,7 @@ use std::time::Instant;
 
 use csbrdf::assess::render::Texels;
 use csbrdf::io::merl::read_merl;
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 
 use crate::args::{FigureArg, StudyArgs};
 use crate::failure::{Failure, Outcome, note};
@@ -134,7 +134,7 @@ fn examine(plan: &Plan, material: &Material, progress: &Progress, figures: &mut 
     Ok(())
 }
 
-fn load(path: &Path) -> Result<BrdfTable, Failure> {
+fn load(path: &Path) -> Result<Table, Failure> {
     let bytes = input::read_within(path, &[Kind::Merl])?;
     input::expect_merl(path, bytes.as_ref())?;
     let table = read_merl(bytes.as_ref()).map_err(|e| Failure::in_file(path, &e))?;

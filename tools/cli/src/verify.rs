@@ -123,7 +123,7 @@ fn intact(file: &Path, name: &str, gone: &Gone) -> (String, Outcome) {
 }
 
 /// Measures the file's errors against the original and adds what it finds to the text.
-fn proof(file: &Path, reader: &Reader<Bytes>, original: &Original, text: &mut String) -> Outcome {
+fn proof(file: &Path, reader: &Reader, original: &Original, text: &mut String) -> Outcome {
     let sha256 = original.sha256.map(str::to_string);
     let original = original.table;
     let failed = |e: csbrdf::Error| Failure::in_file(file, &e);

@@ -9,7 +9,7 @@ use csbrdf::codec::sample::SplitMix64;
 use csbrdf::decode::Reader;
 use csbrdf::encode::contract::Contract;
 use csbrdf::encode::{Encoder, Preset};
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 use csbrdf::table::grid::Grid;
 use csbrdf::table::synth::Recipe;
 use proptest::prelude::*;
@@ -20,19 +20,19 @@ fn grid(lens: [usize; 3]) -> Grid {
     Grid::merl().with_lengths(&lens).unwrap()
 }
 
-fn table(name: &str) -> BrdfTable {
+fn table(name: &str) -> Table {
     Recipe { noise: 0.01, holes: 0.02, ..Recipe::named(name).unwrap() }.synthesise(&grid([18, 18, 30])).unwrap()
 }
 
 /// Rms and largest error of ln(f + eps) of a file's table, in the units of the source and then in 1/sr.
-fn errors(original: &BrdfTable, bytes: &[u8], eps: f64) -> (f64, f64) {
+fn errors(original: &Table, bytes: &[u8], eps: f64) -> (f64, f64) {
     let decoded = Reader::open(bytes).unwrap().decode_table().unwrap();
     assert_eq!(decoded.valid(), original.valid());
     let n = original.grid().positions();
     let (mut squares, mut max) = (0.0, 0f64);
     for (i, _) in original.valid().iter().enumerate().filter(|(_, valid)| **valid) {
         let scale = original.grid().channels()[i / n].scale;
-        let log = |table: &BrdfTable| ((table.values()[i] * scale).min(f64::MAX) + eps).ln();
+        let log = |table: &Table| ((table.values()[i] * scale).min(f64::MAX) + eps).ln();
         let error = (log(original) - log(&decoded)).abs();
         squares += error * error;
         max = max.max(error);
@@ -40,7 +40,7 @@ fn errors(original: &BrdfTable, bytes: &[u8], eps: f64) -> (f64, f64) {
     ((squares / original.valid_count() as f64).sqrt(), max)
 }
 
-fn encode(encoder: Encoder, table: &BrdfTable, contract: Contract) -> Result<Vec<u8>, Error> {
+fn encode(encoder: Encoder, table: &Table, contract: Contract) -> Result<Vec<u8>, Error> {
     encoder.contract(contract).encode(table).map(|encoded| encoded.bytes)
 }
 
@@ -132,13 +132,13 @@ fn proofs_see_what_is_not_so() {
     let mut values = original.values().to_vec();
     let at = original.valid().iter().position(|v| *v).unwrap();
     values[at] = values[at] * 1.2 + 1.0;
-    let changed = BrdfTable::from_values(original.grid().clone(), values).unwrap();
+    let changed = Table::from_values(original.grid().clone(), values).unwrap();
     let broken = prove(&changed, &reader).unwrap().broken;
     assert!(
         broken.iter().any(|b| b.contains("1 blocks")) && broken.iter().any(|b| b.contains("contract")),
         "{broken:?}"
     );
-    let other = BrdfTable::from_values(grid([18, 18, 15]), vec![1.0; 18 * 18 * 15 * 3]).unwrap();
+    let other = Table::from_values(grid([18, 18, 15]), vec![1.0; 18 * 18 * 15 * 3]).unwrap();
     assert!(prove(&other, &reader).is_err());
 }
 
@@ -166,7 +166,7 @@ proptest! {
                 else { values[n + i] = values[n + i].abs().min(1e30); values[2 * n + i] = values[2 * n + i].abs().min(1e30); }
             }
         }
-        let table = BrdfTable::from_values(grid, values).unwrap();
+        let table = Table::from_values(grid, values).unwrap();
         let basis = if dft { csbrdf::codec::fourier::Basis::Dft } else { csbrdf::codec::fourier::Basis::Dct };
         let encoder = Encoder::new().basis(basis).block_shape(&block).iterations(20);
         let bytes = encode(encoder, &table, Contract::MaxError(max_error)).unwrap();

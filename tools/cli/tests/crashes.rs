@@ -74,7 +74,7 @@ fn no_golden_file_is_left_out() {
 /// Checksums put right are those that the encoder wrote: of every part, or damage would not get past them.
 #[test]
 fn sealing_restores_every_checksum() {
-    use csbrdf::decode::{Pruned, Reader};
+    use csbrdf::decode::{PrunedPolicy, Reader};
     for (name, file) in GOLDEN {
         assert!(bodies::seal::sealed(file) == *file, "{name}");
         let reader = Reader::open(*file).unwrap();
@@ -89,7 +89,7 @@ fn sealing_restores_every_checksum() {
         torn[28..32].fill(0);
         let sealed = bodies::seal::sealed(&torn);
         assert!(sealed == *file, "{name}");
-        assert!(Reader::open(&sealed[..]).unwrap().with_pruned(Pruned::Coarse).verify().is_empty(), "{name}");
+        assert!(Reader::open(&sealed[..]).unwrap().with_pruned(PrunedPolicy::Coarse).verify().is_empty(), "{name}");
     }
 }
 

@@ -13,7 +13,7 @@ use std::process::{Command, Stdio};
 use common::{BAD_INPUT, OK, USAGE};
 use csbrdf::assess::metrics::compare;
 use csbrdf::decode::Reader;
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 use extreme_tables::{Case, MAX_ERROR, cases, grid, settings};
 use rayon::prelude::*;
 use serde_json::Value;
@@ -195,7 +195,7 @@ fn channels_and_bins_beyond_the_limits_are_refused() {
     assert!(refused(&[65536, 65536, 65536, 65536], 1).contains("positions, at most"));
 
     // A file that claims them, all its checksums right: refused before anything is allocated for it.
-    let table = BrdfTable::from_values(grid(&[3, 4, 5], 2).unwrap(), vec![1.0; 120]).unwrap();
+    let table = Table::from_values(grid(&[3, 4, 5], 2).unwrap(), vec![1.0; 120]).unwrap();
     let bytes = csbrdf::encode::Encoder::new().encode(&table).unwrap().bytes;
     let sections = usize::from(u16::from_le_bytes([bytes[14], bytes[15]]));
     let first = 32 + 20 * sections;

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use common::{BAD_INPUT, BROKEN_PIPE, OK, OPERATION, USAGE};
 use csbrdf::encode::Encoder;
 use csbrdf::format::metadata::Metadata;
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 use csbrdf::table::grid::{Axis, AxisName, Channel, Grid, Mapping};
 use serde_json::Value;
 
@@ -64,7 +64,7 @@ fn file(folder: &Path, name: &str, channels: [&str; 3]) -> PathBuf {
     let channel = |name: &str| Channel { name: name.into(), wavelength: None, scale: 1.0 };
     let grid = Grid::new(axes, channels.map(channel).to_vec()).unwrap();
     let values = (0..3 * grid.positions()).map(|i| 0.1 + (i % 17) as f64 * 0.01).collect();
-    let table = BrdfTable::from_values(grid, values).unwrap();
+    let table = Table::from_values(grid, values).unwrap();
     let mut metadata = Metadata { name: Some(format!("name{HIDDEN}")), ..Metadata::default() };
     metadata.authors = vec![format!("author{HIDDEN}"), "=1+1".into()];
     metadata.other.insert(format!("key{HIDDEN}"), Value::from(HIDDEN));

@@ -9,7 +9,7 @@ use std::process::{Command, Stdio};
 use common::{BAD_INPUT, OK, OPERATION, USAGE};
 use csbrdf::encode::Encoder;
 use csbrdf::io::merl::write_merl;
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 use csbrdf::table::grid::{Axis, AxisName, Grid, Mapping};
 use serde_json::Value;
 
@@ -36,7 +36,7 @@ fn lambertian(folder: &Path, rho: f64) -> std::path::PathBuf {
         axis(AxisName::PhiD, 24, Mapping::Linear, PI),
     ];
     let grid = Grid::new(axes, Grid::rgb_channels([1.0; 3])).unwrap();
-    let table = BrdfTable::from_values(grid.clone(), vec![rho / PI; 3 * grid.positions()]).unwrap();
+    let table = Table::from_values(grid.clone(), vec![rho / PI; 3 * grid.positions()]).unwrap();
     let path = folder.join(format!("lambertian-{rho}.csbrdf"));
     std::fs::write(&path, Encoder::new().block_shape(&[9, 9, 24]).encode(&table).unwrap().bytes).unwrap();
     path
@@ -94,7 +94,7 @@ fn tables_are_looked_at_as_they_are() {
             _ => 0.1 / grid.channels()[i / grid.positions()].scale,
         })
         .collect();
-    let table = BrdfTable::from_values(grid, values).unwrap();
+    let table = Table::from_values(grid, values).unwrap();
     write_merl(&table, false, std::fs::File::create(&path).unwrap()).unwrap();
     let found = json(&path);
     let log_max = found["reciprocity"]["log_max"].as_f64().unwrap();

@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 use common::{BAD_INPUT, FAST, OK, OPERATION, USAGE};
 use csbrdf::encode::Encoder;
 use csbrdf::io::merl::write_merl_values;
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 use csbrdf::table::grid::Grid;
 use tempfile::TempDir;
 
@@ -82,7 +82,7 @@ fn fixture() -> &'static Fixture {
         let values: Vec<f64> = (0..3 * n).map(value).collect();
         let mut table = Vec::new();
         write_merl_values(&grid, &values, &mut table).unwrap();
-        let source = BrdfTable::from_values(grid, values).unwrap();
+        let source = Table::from_values(grid, values).unwrap();
         let file = Encoder::new().block_shape(&[15, 15, 15]).quality(0.5).encode(&source).unwrap().bytes;
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("t.csbrdf"), &file).unwrap();

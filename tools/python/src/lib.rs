@@ -8,14 +8,12 @@ mod importance;
 mod many;
 
 use std::path::PathBuf;
-use std::sync::Arc;
 
-use codec::base::map::map_file;
-use codec::brdf::eval::Brdf;
-use codec::decode::{Origin, Pruned, Reader};
-use codec::format::Limits;
+use codec::brdf::importance::Importance;
+use codec::decode::Origin;
 use codec::table::block::Block;
 use codec::table::coords::Lookup;
+use codec::{Brdf, BrdfOptions, Bytes, Limits, PrunedPolicy, Reader};
 use numpy::{Element, PyArrayDyn, PyArrayMethods};
 use pyo3::exceptions::{PyIndexError, PyValueError};
 use pyo3::prelude::*;
@@ -35,22 +33,6 @@ const CACHE_BYTES: usize = 64 << 20;
 const BATCH: usize = 1 << 16;
 const BATCH_VALUES: usize = 1 << 22;
 
-/// The bytes of a file, mapped or a Python object's.
-#[derive(Clone)]
-struct Bytes(Arc<dyn AsRef<[u8]> + Send + Sync>);
-
-impl AsRef<[u8]> for Bytes {
-    fn as_ref(&self) -> &[u8] {
-        (*self.0).as_ref()
-    }
-}
-
-enum Contents {
-    Brdf(Brdf<Bytes>),
-    /// The axes are no directions, as the text says.
-    Table(Reader<Bytes>, String),
-}
-
 /// A measured BRDF in a .csbrdf file, from the file's bytes; csbrdf.open() maps a file.
 ///
 /// Opening reads and checks the header and the index; blocks are read when they are first needed. Threads may share one
@@ -64,7 +46,7 @@ enum Contents {
 ///
 /// Raises csbrdf.Error if the bytes cannot be read, ValueError for another lookup or answer to pruned blocks.
 #[pyclass(name = "Brdf", module = "csbrdf", frozen)]
-struct PyBrdf(Contents);
+struct PyBrdf(Brdf);
 
 fn read_lookup(lookup: &str) -> PyResult<Lookup> {
     match lookup {
@@ -74,16 +56,18 @@ fn read_lookup(lookup: &str) -> PyResult<Lookup> {
     }
 }
 
-fn read_pruned(pruned: &str) -> PyResult<Pruned> {
+fn read_pruned(pruned: &str) -> PyResult<PrunedPolicy> {
     match pruned {
-        "refuse" => Ok(Pruned::Refuse),
-        "coarse" => Ok(Pruned::Coarse),
+        "refuse" => Ok(PrunedPolicy::Refuse),
+        "coarse" => Ok(PrunedPolicy::Coarse),
         _ => Err(PyValueError::new_err(format!("pruned is \"refuse\" or \"coarse\", not {pruned:?}"))),
     }
 }
 
-fn read_limit(limit: Option<usize>) -> Limits {
-    limit.map_or_else(Limits::default, Limits::of_table)
+fn read_options(cache_bytes: usize, lookup: &str, pruned: &str, limit: Option<usize>) -> PyResult<BrdfOptions> {
+    let limits = limit.map_or_else(Limits::default, Limits::of_table);
+    let options = BrdfOptions::new().limits(limits).cache_bytes(cache_bytes).any_axes(true);
+    Ok(options.lookup(read_lookup(lookup)?).pruned(read_pruned(pruned)?))
 }
 
 /// Opens a .csbrdf file: maps it, reads and checks its header and index.
@@ -105,35 +89,19 @@ fn open(
     pruned: &str,
     limit: Option<usize>,
 ) -> PyResult<PyBrdf> {
-    let (lookup, pruned, limits) = (read_lookup(lookup)?, read_pruned(pruned)?, read_limit(limit));
-    detached(py, || {
-        let bytes = Bytes(Arc::new(map_file(&path)?));
-        PyBrdf::open(bytes, cache_bytes, lookup, pruned, limits).map_err(|e| e.in_file(&path))
-    })
+    let options = read_options(cache_bytes, lookup, pruned, limit)?;
+    detached(py, || Ok(PyBrdf(options.open(&path)?)))
 }
 
 impl PyBrdf {
-    fn open(bytes: Bytes, cache_bytes: usize, lookup: Lookup, pruned: Pruned, limits: Limits) -> codec::Result<PyBrdf> {
-        let open = |bytes| Ok::<_, codec::Error>(Reader::open_with_limits(bytes, limits)?.with_pruned(pruned));
-        Ok(PyBrdf(match Brdf::open(open(bytes.clone())?) {
-            Ok(brdf) => Contents::Brdf(brdf.with_cache_bytes(cache_bytes).with_lookup(lookup)),
-            Err(codec::Error::InvalidArgument(why)) => Contents::Table(open(bytes)?, why),
-            Err(e) => return Err(e),
-        }))
+    fn reader(&self) -> &Reader {
+        self.0.reader()
     }
 
-    fn reader(&self) -> &Reader<Bytes> {
-        match &self.0 {
-            Contents::Brdf(brdf) => brdf.reader(),
-            Contents::Table(reader, _) => reader,
-        }
-    }
-
-    fn directional(&self) -> PyResult<&Brdf<Bytes>> {
-        match &self.0 {
-            Contents::Brdf(brdf) => Ok(brdf),
-            Contents::Table(_, why) => Err(Error::new_err(why.clone())),
-        }
+    /// The file, if it can be evaluated.
+    fn directional(&self) -> PyResult<&Brdf> {
+        self.0.check_directions().map_err(|e| Error::new_err(e.to_string()))?;
+        Ok(&self.0)
     }
 
     fn channel_count(&self) -> usize {
@@ -162,7 +130,7 @@ impl PyBrdf {
         &self,
         py: Python<'py>,
         kind: &str,
-        of: impl Fn(&Reader<Bytes>, usize) -> codec::Result<Vec<T>> + Sync,
+        of: impl Fn(&Reader, usize) -> codec::Result<Vec<T>> + Sync,
     ) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
         let reader = self.reader();
         let positions = reader.grid().positions();
@@ -204,8 +172,8 @@ impl PyBrdf {
         pruned: &str,
         limit: Option<usize>,
     ) -> PyResult<PyBrdf> {
-        let (lookup, pruned, limits) = (read_lookup(lookup)?, read_pruned(pruned)?, read_limit(limit));
-        detached(py, || PyBrdf::open(Bytes(Arc::new(data)), cache_bytes, lookup, pruned, limits))
+        let options = read_options(cache_bytes, lookup, pruned, limit)?;
+        detached(py, || Ok(PyBrdf(options.from_bytes(Bytes::new(data))?)))
     }
 
     /// Number of bins along each axis, slowest first: (90, 90, 180) for MERL. Arrays of decode() have the channels in
@@ -358,7 +326,7 @@ impl PyBrdf {
     /// Raises csbrdf.Error if a block is damaged or the axes of the file do not say how directions map to the grid.
     fn importance(&self, py: Python<'_>) -> PyResult<PyImportance> {
         let brdf = self.directional()?;
-        detached(py, || Ok(PyImportance(brdf.importance()?)))
+        detached(py, || Ok(PyImportance(Importance::new(brdf.reader())?)))
     }
 
     /// Checks every byte: all sections' checksums, and that each block decodes. Returns what is damaged, a text each; an

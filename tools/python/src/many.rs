@@ -1,17 +1,16 @@
 //! Many look-ups and draws at once, on all cores where there are enough of them.
 
-use codec::brdf::eval::Brdf;
+use codec::brdf::Brdf;
 use codec::brdf::importance::Importance;
 use rayon::prelude::*;
 
-use crate::Bytes;
 use crate::boundary::on_threads;
 
 /// Pairs that a thread takes at a time, about 200 us; fewer than twice as many are not worth a second thread.
 const GRAIN: usize = 256;
 
 /// Values of all pairs, `[pair][channel]`.
-pub fn eval_many(brdf: &Brdf<Bytes>, wi: &[[f64; 3]], wo: &[[f64; 3]], values: &mut [f32]) -> codec::Result<()> {
+pub fn eval_many(brdf: &Brdf, wi: &[[f64; 3]], wo: &[[f64; 3]], values: &mut [f32]) -> codec::Result<()> {
     if wi.len() < 2 * GRAIN {
         return brdf.eval_many(wi, wo, values);
     }

@@ -6,7 +6,7 @@ use std::time::Instant;
 use csbrdf::encode::Encoder;
 use csbrdf::encode::contract::Contract;
 use csbrdf::format::metadata::Metadata;
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 use sha2::{Digest, Sha256};
 
 use super::{contract, describe, hex, parse};
@@ -123,7 +123,7 @@ impl Job<'_> {
     }
 
     /// The table in the bytes of an input, and the metadata of its file.
-    fn table(&self, path: &Path, bytes: &[u8]) -> Result<(BrdfTable, Metadata), Failure> {
+    fn table(&self, path: &Path, bytes: &[u8]) -> Result<(Table, Metadata), Failure> {
         if self.args.samples.is_none() {
             return parse(path, bytes, &self.metadata);
         }

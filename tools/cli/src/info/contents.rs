@@ -98,7 +98,7 @@ pub struct Contents {
     /// Major, minor, draft.
     pub version: (u16, u16, u16),
     /// The file.
-    pub reader: Reader<Bytes>,
+    pub reader: Reader,
     /// Section names and sizes, "frame" for what is outside of them.
     pub sections: Vec<(String, usize)>,
     /// Of its blocks, damaged ones left out.
@@ -195,7 +195,7 @@ pub fn by(lengths: &[usize]) -> String {
 }
 
 /// Calls `each` with what is known of every block, in order. As many are kept as few numbers take: a file may have millions.
-fn for_each_block(reader: &Reader<Bytes>, mut each: impl FnMut(csbrdf::Result<Block>) -> Outcome) -> Outcome {
+fn for_each_block(reader: &Reader, mut each: impl FnMut(csbrdf::Result<Block>) -> Outcome) -> Outcome {
     let at_once = (AT_ONCE / (16 + reader.grid().channels().len())).max(1);
     for first in (0..reader.block_count()).step_by(at_once) {
         let numbers = first..reader.block_count().min(first + at_once);
@@ -205,7 +205,7 @@ fn for_each_block(reader: &Reader<Bytes>, mut each: impl FnMut(csbrdf::Result<Bl
     Ok(())
 }
 
-fn block(reader: &Reader<Bytes>, number: usize) -> csbrdf::Result<Block> {
+fn block(reader: &Reader, number: usize) -> csbrdf::Result<Block> {
     Ok(Block { number, info: reader.block_info(number)?, origins: reader.block_origins(number)? })
 }
 

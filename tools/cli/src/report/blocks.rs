@@ -1,7 +1,7 @@
 //! Which blocks' solves are followed.
 
 use csbrdf::codec::tone::tone_map;
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 use csbrdf::table::block::Partition;
 
 /// Constant of the logarithm that ranges are measured in, 1/sr.
@@ -20,7 +20,7 @@ pub struct Chosen {
 
 /// Of the blocks of which half the entries are valid or more those of least, median and greatest log range; or the
 /// blocks of the given numbers. `None` stands for a number that is no block's.
-pub fn choose(table: &BrdfTable, partition: &Partition, numbers: &[usize]) -> Option<Vec<Chosen>> {
+pub fn choose(table: &Table, partition: &Partition, numbers: &[usize]) -> Option<Vec<Chosen>> {
     if !numbers.is_empty() {
         let named = |&number: &usize| {
             let range = log_range(table, partition, number)?.1;
@@ -41,7 +41,7 @@ pub fn choose(table: &BrdfTable, partition: &Partition, numbers: &[usize]) -> Op
 }
 
 /// Share of valid entries and log range of a block.
-fn log_range(table: &BrdfTable, partition: &Partition, number: usize) -> Option<(f64, f64)> {
+fn log_range(table: &Table, partition: &Partition, number: usize) -> Option<(f64, f64)> {
     let block = partition.block(number)?;
     let shape = table.grid().shape();
     let n = block.positions();
@@ -70,7 +70,7 @@ mod tests {
         let grid = Grid::new(vec![axis], Grid::rgb_channels([1.0; 3])).unwrap();
         // Four blocks of four: factors 10, 100 and 3 between their entries, then one that is mostly missing.
         let plane = [1.0, 1.0, 1.0, 10.0, 1.0, 1.0, 1.0, 100.0, 1.0, 3.0, 1.0, -1.0, 1e9, -1.0, -1.0, -1.0];
-        let table = BrdfTable::from_values(grid, plane.repeat(3)).unwrap();
+        let table = Table::from_values(grid, plane.repeat(3)).unwrap();
         let partition = Partition::uniform(table.grid().shape(), [1, 1, 1, 4]).unwrap();
         let chosen = choose(&table, &partition, &[]).unwrap();
         assert_eq!(chosen.iter().map(|c| c.number).collect::<Vec<_>>(), [2, 0, 1]);

@@ -8,7 +8,7 @@ use csbrdf::assess::render::{Image, psnr, sphere_of_table};
 use csbrdf::decode::Reader;
 use csbrdf::encode::Encoder;
 use csbrdf::format::metadata::Metadata;
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 
 use super::plan::preset_name;
 use crate::args::{Cli, Command, EncodeArgs};
@@ -83,7 +83,7 @@ impl Invocation {
 
 /// A table to encode and its picture to compare to.
 pub struct Subject {
-    pub table: BrdfTable,
+    pub table: Table,
     /// What the input's name and bytes put into the metadata of its files.
     pub metadata: Metadata,
     pub picture: Option<Image>,

@@ -2,7 +2,7 @@
 
 use csbrdf::encode::Encoder;
 use csbrdf::encode::trace::{Limits, Step, Trace};
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 
 use super::blocks::Chosen;
 
@@ -23,7 +23,7 @@ pub struct Followed {
 
 /// Follows the solves of a block. All runs take the same steps; of each step the least time counts, so that what else
 /// the machine does shows little.
-pub fn follow(table: &BrdfTable, encoder: &Encoder, block: usize, iterations: usize) -> csbrdf::Result<Vec<Trace>> {
+pub fn follow(table: &Table, encoder: &Encoder, block: usize, iterations: usize) -> csbrdf::Result<Vec<Trace>> {
     let limits = Limits { iterations, gap: GAP };
     let mut runs = (0..RUNS).map(|_| encoder.trace(table, block, limits)).collect::<csbrdf::Result<Vec<_>>>()?;
     let mut first = runs.swap_remove(0);

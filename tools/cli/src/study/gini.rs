@@ -4,7 +4,7 @@ use csbrdf::assess::metrics::{DEFAULT_EPS, gini};
 use csbrdf::codec::fourier::forward::Transform;
 use csbrdf::codec::fourier::{Basis, partners};
 use csbrdf::codec::tone::tone_map;
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 use csbrdf::table::block::{Block, Partition};
 use rayon::prelude::*;
 
@@ -40,7 +40,7 @@ pub struct Row {
 /// Gini indices of one block: DFT, DFT without mean, DCT, DCT without mean.
 type Indices = [f64; 4];
 
-pub fn measure(name: &str, table: &BrdfTable) -> Row {
+pub fn measure(name: &str, table: &Table) -> Row {
     let shape = table.grid().shape();
     let blocks: Vec<Block> = match Partition::uniform(shape, BLOCK) {
         Ok(partition) => (0..partition.block_count()).filter_map(|b| partition.block(b)).collect(),
@@ -176,7 +176,7 @@ mod tests {
         let grid = Grid::new(axes, Grid::rgb_channels([1.0; 3])).unwrap();
         let mut values: Vec<f64> = (0..3 * 3375).map(|i| 1.0 + (i % 7) as f64).collect();
         values[0] = -1.0;
-        let row = measure("x", &BrdfTable::from_values(grid, values).unwrap());
+        let row = measure("x", &Table::from_values(grid, values).unwrap());
         assert_eq!(row.blocks, 2);
         assert!(row.dft.raw > 0.0 && row.dft.log < 1.0);
     }

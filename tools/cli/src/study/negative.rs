@@ -3,7 +3,7 @@
 use csbrdf::assess::metrics::DEFAULT_EPS;
 use csbrdf::codec::sample::{Sampling, block_seed, sample_positions};
 use csbrdf::codec::tone::tone_map;
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 use csbrdf::table::block::Partition;
 use rayon::prelude::*;
 
@@ -83,7 +83,7 @@ impl Counts {
 /// Where a block's values appear in the slices: row, column, reference, from table, from logarithm.
 type Dot = (usize, usize, f64, f64, f64);
 
-pub fn measure(plan: &Plan, name: &str, table: &BrdfTable, progress: &Progress) -> csbrdf::Result<Row> {
+pub fn measure(plan: &Plan, name: &str, table: &Table, progress: &Progress) -> csbrdf::Result<Row> {
     let grid = table.grid();
     let shape = grid.shape();
     let partition = Partition::uniform(shape, BLOCK)?;

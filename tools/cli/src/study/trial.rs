@@ -4,7 +4,7 @@ use csbrdf::assess::render::Texels;
 use csbrdf::codec::sample::Sampling;
 use csbrdf::decode::Reader;
 use csbrdf::encode::Encoder;
-use csbrdf::table::BrdfTable;
+use csbrdf::table::Table;
 
 use super::plan::{PRESETS, Plan, percentage};
 use super::progress::Progress;
@@ -32,7 +32,7 @@ impl Trial {
         plan: &Plan,
         preset: usize,
         ratio: f64,
-        table: &BrdfTable,
+        table: &Table,
         reference: Option<&Shot>,
         progress: &Progress,
     ) -> csbrdf::Result<(Trial, Texels)> {
