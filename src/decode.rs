@@ -13,9 +13,10 @@ mod table;
 mod tests;
 mod values;
 
-use crate::block::{Block, Partition, Place, Target};
-use crate::budget::{Budget, Call, Fault, Held};
-use crate::error::{Error, Result};
+use crate::base::budget::{Budget, Call, Fault, Held};
+use crate::base::error::{Error, Result};
+use crate::codec::range::Decoder;
+use crate::codec::sample::{MAX_DOUBLINGS, Sampling};
 use crate::format::directory::{self, Directory};
 use crate::format::header::{self, Coding};
 use crate::format::index::{Index, LOST};
@@ -25,9 +26,8 @@ use crate::format::probabilities::Probabilities;
 use crate::format::profile::read_profile;
 use crate::format::record::{Record, ValidityClass};
 use crate::format::{Limits, MAX_BLOCK_VALUES, is_compact, may_double, may_prune};
-use crate::grid::Grid;
-use crate::range::Decoder;
-use crate::sample::{MAX_DOUBLINGS, Sampling};
+use crate::table::block::{Block, Partition, Place, Target};
+use crate::table::grid::Grid;
 
 pub use self::contents::{BlockInfo, Origin};
 pub use self::rebuild::Scratch;
@@ -71,13 +71,13 @@ pub enum State {
 
 #[cfg(feature = "mmap")]
 impl Reader<memmap2::Mmap> {
-    /// Maps and opens a file. See [`crate::map::map_file`] on files that others change.
+    /// Maps and opens a file. See [`crate::base::map::map_file`] on files that others change.
     ///
     /// # Errors
     /// As [`Reader::open`], naming the file.
     pub fn open_path(path: impl AsRef<std::path::Path>) -> Result<Self> {
         let path = path.as_ref();
-        Reader::open(crate::map::map_file(path)?).map_err(|e| e.in_file(path))
+        Reader::open(crate::base::map::map_file(path)?).map_err(|e| e.in_file(path))
     }
 }
 

@@ -11,6 +11,7 @@ mod estimate;
 mod fill;
 mod grazing;
 mod guess;
+pub mod l1;
 mod pack;
 mod recover;
 mod search;
@@ -26,17 +27,17 @@ use std::time::Instant;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use crate::block::Partition;
-use crate::channel::ChannelTransform;
-use crate::dependent::Quantization;
-use crate::error::{Error, Result};
+use crate::base::error::{Error, Result};
+use crate::codec::channel::ChannelTransform;
+use crate::codec::dependent::Quantization;
+use crate::codec::fourier::Basis;
+use crate::codec::sample::Sampling;
+use crate::codec::tone::tone_map;
 use crate::format::header::Coding;
 use crate::format::metadata::Metadata;
 use crate::format::{EPS_RANGE, Limits, STEP_RANGE};
-use crate::fourier::Basis;
-use crate::sample::Sampling;
 use crate::table::BrdfTable;
-use crate::tone::tone_map;
+use crate::table::block::Partition;
 use blocks::{Quantized, fill_empty_means, shrink};
 use bound::Bound;
 use choose::fit_horizon;
@@ -326,7 +327,7 @@ impl Encoder {
         Encoder { lossless, ..self }
     }
 
-    /// Whether the file also holds a spare copy of all that blocks cannot be decoded without, for [`crate::salvage`]: some 2 to 4 kB.
+    /// Whether the file also holds a spare copy of all that blocks cannot be decoded without, for [`crate::edit::salvage`]: some 2 to 4 kB.
     /// If not told, lossless files do.
     pub fn spare(self, spare: bool) -> Encoder {
         Encoder { spare: Some(spare), ..self }

@@ -116,12 +116,12 @@ pub struct Limits {
     pub block_values: usize,
     /// Most operations that one call on a file may take, about a nanosecond of one processor each, besides 2^12 for each byte of
     /// the file: opening, a block, its validity and origins, its exact values, importance, pruning, checking whether a material
-    /// could exist; and all that an evaluator decodes over its life ([`Brdf`](crate::eval::Brdf) says what is left out). What is
+    /// could exist; and all that an evaluator decodes over its life ([`Brdf`](crate::brdf::eval::Brdf) says what is left out). What is
     /// decoded of one record is counted when it is known, at most a third of a second later. Whole tables go by `table_values` instead.
     pub operations: u64,
     /// Most bytes of memory that one call on a file may take beside its result and the caller's buffers, besides 16 for each byte of
     /// the file. The evaluator's cache goes by
-    /// [`with_cache_bytes`](crate::eval::Brdf::with_cache_bytes), the table that is decoded by `table_values`, and the metadata by
+    /// [`with_cache_bytes`](crate::brdf::eval::Brdf::with_cache_bytes), the table that is decoded by `table_values`, and the metadata by
     /// [`MAX_METADATA`] instead.
     pub bytes: u64,
 }

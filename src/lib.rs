@@ -31,10 +31,10 @@
 //!
 //! ```
 //! # #[cfg(feature = "encode")] {
-//! # use csbrdf::{decode::Reader, encode::Encoder, grid::Grid, table::synth::Recipe};
+//! # use csbrdf::{decode::Reader, encode::Encoder, table::grid::Grid, table::synth::Recipe};
 //! # let table = Recipe::named("matte").unwrap().merl()?;
 //! # let bytes = Encoder::new().block_shape(&[15, 15, 30]).encode(&table)?.bytes;
-//! use csbrdf::eval::Brdf;
+//! use csbrdf::brdf::eval::Brdf;
 //!
 //! let brdf = Brdf::open(Reader::open(bytes)?)?;
 //! let [r, g, b] = brdf.eval([0.3, 0.0, 0.9], [-0.5, 0.1, 0.8])?; // 1/sr
@@ -62,54 +62,16 @@
     )
 )]
 
-mod bits;
-pub mod block;
-mod budget;
-pub mod channel;
-pub mod coords;
-mod correct;
+pub mod assess;
+pub mod base;
+pub mod brdf;
+pub mod codec;
 pub mod decode;
-pub mod dependent;
+pub mod edit;
 #[cfg(feature = "encode")]
 pub mod encode;
-mod entropy;
-pub mod error;
-pub mod eval;
-mod exact;
-#[doc(hidden)]
-pub mod excerpt;
 pub mod format;
-pub mod fourier;
-pub mod grid;
-mod horizon;
-pub mod importance;
-#[cfg(any(feature = "encode", test))]
-pub mod lint;
-mod lossless;
-#[cfg(feature = "mmap")]
-pub mod map;
-mod mask;
-#[cfg(feature = "encode")]
-pub mod metrics;
-#[cfg(feature = "encode")]
-pub mod plan;
-mod profile;
-#[cfg(feature = "encode")]
-pub mod proof;
-#[cfg(feature = "encode")]
-pub mod prune;
-pub mod quantize;
-mod range;
-#[cfg(feature = "encode")]
-pub mod render;
-pub mod salvage;
-pub mod sample;
-mod simd;
-#[cfg(feature = "encode")]
-pub mod solve;
+pub mod io;
 pub mod table;
-pub mod tone;
-pub mod touched;
-mod zeros;
 
-pub use error::{Error, Result};
+pub use base::error::{Error, Result};

@@ -1,15 +1,14 @@
 //! A measured table in memory.
 
-pub mod merl;
-#[cfg(feature = "encode")]
-pub mod npy;
-#[cfg(feature = "encode")]
-pub mod samples;
+pub mod block;
+pub mod coords;
+pub mod grid;
+pub(crate) mod horizon;
 #[cfg(feature = "encode")]
 pub mod synth;
 
-use crate::error::{Error, Result};
-use crate::grid::Grid;
+use crate::base::error::{Error, Result};
+use crate::table::grid::Grid;
 
 /// A table of reflectance: values and validity on a [`Grid`].
 ///

@@ -1,13 +1,13 @@
 //! Damaged, cut and foreign bytes: every one is refused with its place, none panics.
 #![cfg(feature = "encode")]
 
+use csbrdf::base::error::Error;
 use csbrdf::decode::Reader;
 use csbrdf::encode::contract::Contract;
 use csbrdf::encode::{Encoder, Preset};
-use csbrdf::error::Error;
 use csbrdf::format::{END_MARKER, Limits, MAGIC};
-use csbrdf::grid::Grid;
 use csbrdf::table::BrdfTable;
+use csbrdf::table::grid::Grid;
 use csbrdf::table::synth::Recipe;
 use std::sync::OnceLock;
 
@@ -198,7 +198,7 @@ fn damage_in_exact_bits_costs_that_block_only() {
 /// Hostile bytes under right checksums: refused or decoded, never a panic.
 #[test]
 fn any_exact_bits_are_survived() {
-    let mut random = csbrdf::sample::SplitMix64(5);
+    let mut random = csbrdf::codec::sample::SplitMix64(5);
     let good = Encoder::new().block_shape(&[5, 6, 8]).lossless(true).encode(&table()).unwrap().bytes;
     let intact = Reader::open(&good[..]).unwrap();
     let section = intact.directory().sections().iter().find(|s| s.name() == "EXCT").unwrap().range.clone();
@@ -252,7 +252,7 @@ fn swapped_and_zeroed_pieces_are_detected() {
 #[test]
 fn random_damage_is_detected() {
     let good = file();
-    let mut random = csbrdf::sample::SplitMix64(11);
+    let mut random = csbrdf::codec::sample::SplitMix64(11);
     for round in 0..3000u64 {
         let mut bad = good.to_vec();
         for _ in 0..1 + round % 5 {

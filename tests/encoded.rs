@@ -16,11 +16,11 @@ use std::path::{Path, PathBuf};
 use csbrdf::decode::Reader;
 use csbrdf::encode::contract::Contract;
 
+use csbrdf::codec::sample::Sampling;
+use csbrdf::edit::prune::Pruner;
 use csbrdf::encode::{Effort, Encoder, Preset};
-use csbrdf::grid::{Axis, AxisName, Channel, Grid, Mapping};
-use csbrdf::prune::Pruner;
-use csbrdf::sample::Sampling;
 use csbrdf::table::BrdfTable;
+use csbrdf::table::grid::{Axis, AxisName, Channel, Grid, Mapping};
 use csbrdf::table::synth::Recipe;
 use sha2::{Digest, Sha256};
 

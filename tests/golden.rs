@@ -7,10 +7,10 @@
 
 use std::path::Path;
 
-use csbrdf::coords::Lookup;
+use csbrdf::brdf::eval::Brdf;
+use csbrdf::codec::sample::SplitMix64;
 use csbrdf::decode::{Origin, Pruned, Reader};
-use csbrdf::eval::Brdf;
-use csbrdf::sample::SplitMix64;
+use csbrdf::table::coords::Lookup;
 
 /// The lines of a list: file, then checksums in hexadecimal.
 fn sums(list: &'static str) -> impl Iterator<Item = (String, Vec<u32>)> {
@@ -125,11 +125,11 @@ fn evaluations_are_as_they_were() {
 
 #[test]
 fn golden_files_cover_the_features() {
-    use csbrdf::channel::ChannelTransform;
-    use csbrdf::dependent::Quantization;
+    use csbrdf::codec::channel::ChannelTransform;
+    use csbrdf::codec::dependent::Quantization;
+    use csbrdf::codec::fourier::Basis;
+    use csbrdf::codec::sample::Sampling;
     use csbrdf::format::record::ValidityClass;
-    use csbrdf::fourier::Basis;
-    use csbrdf::sample::Sampling;
     let (mut features, mut classes, mut origins) = (Vec::new(), Vec::new(), Vec::new());
     for (name, ..) in expected() {
         let bytes = read(&name);
@@ -191,7 +191,7 @@ fn golden_files_cover_the_features() {
     }
 }
 
-/// Samples of a file whose records double the ratio; the counts are those of tools/csbrdf_decode.py.
+/// Samples of a file whose records double the ratio; the counts are those of spec/decode.py.
 #[test]
 fn samples_of_doubled_ratios_are_as_they_were() {
     let bytes = read("dct-sampled-by-block.csbrdf");
@@ -203,7 +203,7 @@ fn samples_of_doubled_ratios_are_as_they_were() {
 }
 
 /// Bits of the source, marks of missing entries included, as a whole and by block. The sum is that of
-/// tools/csbrdf_decode.py too.
+/// spec/decode.py too.
 #[test]
 fn exact_values_are_as_they_were() {
     let bytes = read("dct-lossless.csbrdf");

@@ -2,10 +2,10 @@
 //! or the folder named by `CSBRDF_DATA`. Says so and passes where it is not.
 #![cfg(feature = "encode")]
 
+use csbrdf::codec::sample::{Sampling, SplitMix64};
 use csbrdf::encode::{Encoder, Preset};
-use csbrdf::grid::Grid;
-use csbrdf::sample::{Sampling, SplitMix64};
 use csbrdf::table::BrdfTable;
+use csbrdf::table::grid::Grid;
 use std::path::{Path, PathBuf};
 
 fn data() -> Option<PathBuf> {

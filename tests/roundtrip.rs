@@ -1,13 +1,13 @@
 //! Tables through the encoder and back through the reader.
 #![cfg(feature = "encode")]
 
+use csbrdf::codec::fourier::Basis;
+use csbrdf::codec::sample::{Sampling, SplitMix64};
 use csbrdf::decode::{Origin, Reader};
 use csbrdf::encode::{Channels, Encoder, Preset};
 use csbrdf::format::record::ValidityClass;
-use csbrdf::fourier::Basis;
-use csbrdf::grid::{Axis, AxisName, Channel, Grid, Mapping};
-use csbrdf::sample::{Sampling, SplitMix64};
 use csbrdf::table::BrdfTable;
+use csbrdf::table::grid::{Axis, AxisName, Channel, Grid, Mapping};
 use csbrdf::table::synth::Recipe;
 use proptest::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -301,8 +301,8 @@ proptest! {
 mod lossless {
     use csbrdf::decode::Reader;
     use csbrdf::encode::{Encoder, Preset};
-    use csbrdf::grid::{Axis, Grid};
     use csbrdf::table::BrdfTable;
+    use csbrdf::table::grid::{Axis, Grid};
     use proptest::prelude::*;
 
     const LENS: [usize; 3] = [5, 4, 6];
@@ -335,7 +335,7 @@ mod lossless {
                 assert!(values.iter().map(|x| x.to_bits()).eq(expected));
             }
         }
-        assert!(csbrdf::proof::prove(&table, &reader).unwrap().broken.is_empty());
+        assert!(csbrdf::assess::proof::prove(&table, &reader).unwrap().broken.is_empty());
     }
 
     proptest! {
@@ -356,7 +356,7 @@ mod lossless {
     /// Numbers that single or half precision held take the room of these.
     #[test]
     fn short_numbers_take_little_room() {
-        let scales = csbrdf::grid::MERL_SCALE;
+        let scales = csbrdf::table::grid::MERL_SCALE;
         let value = |i: usize| f64::from(2f32 + ((i * i) as f32 * 0.1).sin().round() / 8.0) / scales[i / (N / 3)];
         let bits: Vec<u64> = (0..N).map(|i| value(i).to_bits()).collect();
         check(&bits, Encoder::new());

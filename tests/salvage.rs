@@ -5,13 +5,13 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::OnceLock;
 
+use csbrdf::base::error::Error;
 use csbrdf::decode::Reader;
+use csbrdf::edit::salvage::{Options, Outcome, Salvaged, repair, salvage, salvage_with};
 use csbrdf::encode::Encoder;
-use csbrdf::error::Error;
 use csbrdf::format::Limits;
-use csbrdf::grid::Grid;
-use csbrdf::salvage::{Options, Outcome, Salvaged, repair, salvage, salvage_with};
 use csbrdf::table::BrdfTable;
+use csbrdf::table::grid::Grid;
 use csbrdf::table::synth::Recipe;
 
 fn table() -> BrdfTable {
@@ -346,7 +346,7 @@ fn files_of_old_drafts_are_salvaged() {
 /// Damage of any kind and place: what is said to be restored is the file, and no block that is left is another.
 #[test]
 fn nothing_wrong_is_said_to_be_restored() {
-    let mut random = csbrdf::sample::SplitMix64(11);
+    let mut random = csbrdf::codec::sample::SplitMix64(11);
     for round in 0..600usize {
         let good = [plain(), spare(), lossless()][round % 3];
         let mut bad = good.to_vec();
@@ -369,7 +369,7 @@ fn nothing_wrong_is_said_to_be_restored() {
 /// Whatever the bytes, also under a right checksum of the section table: an answer, no panic.
 #[test]
 fn any_bytes_are_survived() {
-    let mut random = csbrdf::sample::SplitMix64(3);
+    let mut random = csbrdf::codec::sample::SplitMix64(3);
     for round in 0..4000usize {
         let mut bad = [plain(), spare(), lossless()][round % 3].to_vec();
         let head = section(plain(), "RECS").start;

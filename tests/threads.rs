@@ -1,9 +1,9 @@
 //! One open file for many threads: the same bits as for one, whatever the cache throws out meanwhile. Golden files and the decoder
 //! alone, so that `tools/sanitize.sh` can watch it.
 
+use csbrdf::brdf::eval::Brdf;
+use csbrdf::codec::sample::SplitMix64;
 use csbrdf::decode::{Pruned, Reader, Scratch};
-use csbrdf::eval::Brdf;
-use csbrdf::sample::SplitMix64;
 
 const FILES: [&[u8]; 4] = [
     include_bytes!("data/v1/dct-dependent-profile.csbrdf"),

@@ -42,18 +42,18 @@ for check in "$@"; do
         # To Miri a processor has what the target has.
         flags=
         [ "${host%%-*}" != x86_64 ] || flags="-Ctarget-feature=+avx2,+fma"
-        RUSTFLAGS=$flags CARGO_TARGET_DIR=$target/miri cargo +nightly miri test --locked --no-default-features --lib
+        RUSTFLAGS=$flags CARGO_TARGET_DIR=$target/miri cargo +nightly miri test --locked -p csbrdf --no-default-features --lib
         ;;
     rust-version)
         oldest=$(sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
         rustup toolchain install "$oldest" --profile minimal >/dev/null 2>&1 || { skip rust-version "no Rust $oldest"; continue; }
-        for manifest in Cargo.toml tools/capi/Cargo.toml; do
+        for manifest in Cargo.toml tools/cli/Cargo.toml tools/capi/Cargo.toml; do
             CARGO_TARGET_DIR=$target/oldest cargo "+$oldest" check --locked --manifest-path "$manifest" --all-targets
         done
         # The decoder alone does with what Debian has for tools/cross.sh, 1.85, wherever there is no AVX-512 to write for.
         target_flags="--profile minimal --target aarch64-unknown-linux-gnu"
         rustup toolchain install 1.85 $target_flags >/dev/null 2>&1 || { skip rust-version "no Rust 1.85"; continue; }
-        CARGO_TARGET_DIR=$target/oldest cargo +1.85 check --locked --ignore-rust-version --no-default-features --lib --test golden \
+        CARGO_TARGET_DIR=$target/oldest cargo +1.85 check --locked --ignore-rust-version -p csbrdf --no-default-features --lib --test golden \
             --target aarch64-unknown-linux-gnu
         ;;
     benches)
@@ -62,12 +62,12 @@ for check in "$@"; do
         ;;
     advisories)
         command -v cargo-deny >/dev/null || cargo install cargo-deny --locked --quiet --debug || { skip advisories "no cargo-deny"; continue; }
-        manifests=(Cargo.toml tools/capi/Cargo.toml tools/python/Cargo.toml tools/bench/Cargo.toml fuzz/Cargo.toml)
+        manifests=(Cargo.toml tools/cli/Cargo.toml tools/capi/Cargo.toml tools/python/Cargo.toml tools/bench/Cargo.toml fuzz/Cargo.toml)
         for manifest in "${manifests[@]}"; do
             cargo deny --locked --manifest-path "$manifest" --config "$PWD/deny.toml" check bans licenses sources
         done
         # What cargo says when it packs the crate.
-        yanked=$(cargo package --locked --allow-dirty --no-verify --target-dir "$target/package" 2>&1)
+        yanked=$(cargo package --locked -p csbrdf --allow-dirty --no-verify --target-dir "$target/package" 2>&1)
         if grep -i yanked <<<"$yanked"; then exit 1; fi
         cargo deny --locked --config "$PWD/deny.toml" fetch db || { skip advisories "the list of them cannot be had from GitHub here"; continue; }
         for manifest in "${manifests[@]}"; do

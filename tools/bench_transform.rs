@@ -11,8 +11,8 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use csbrdf::fourier::Basis;
-use csbrdf::fourier::forward::Transform;
+use csbrdf::codec::fourier::Basis;
+use csbrdf::codec::fourier::forward::Transform;
 
 const SHAPES: [[usize; 4]; 9] = [
     [1, 15, 15, 15],

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Has the decoder that was written from the specification alone say of changed files what the Rust decoder says of them: values, validity,
+"""Compares spec/decode.py, which was written from the specification alone, with the Rust decoder on changed files: values, validity,
 samples, exact values, and what is refused. Changed are fields of golden files, with right lengths and checksums (fuzz/src/bodies/recipe.rs).
 
     CSBRDF_DIFFERENTIAL=DIR cargo test --test crashes -- --ignored files_for    # writes files and verdicts; README of fuzz/
@@ -14,7 +14,8 @@ import sys
 import time
 import zlib
 
-from csbrdf_decode import File, Refused
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "spec"))
+from decode import File, Refused  # spec/decode.py
 
 
 def crc(array, kind):

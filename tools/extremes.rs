@@ -11,15 +11,15 @@
 #[path = "../tests/common/extreme_tables.rs"]
 mod extreme_tables;
 
+use csbrdf::assess::metrics::compare;
+use csbrdf::codec::fourier::Basis;
+use csbrdf::codec::fourier::forward::Transform;
+use csbrdf::codec::sample::SplitMix64;
 use csbrdf::decode::Reader;
 use csbrdf::encode::Encoder;
-use csbrdf::fourier::Basis;
-use csbrdf::fourier::forward::Transform;
-use csbrdf::metrics::compare;
-use csbrdf::sample::SplitMix64;
-use csbrdf::solve::norm::Norm;
-use csbrdf::solve::sampled::{Columns, SampledBasis};
-use csbrdf::solve::spgl1::{Options, Solution, Solver};
+use csbrdf::encode::l1::norm::Norm;
+use csbrdf::encode::l1::sampled::{Columns, SampledBasis};
+use csbrdf::encode::l1::spgl1::{Options, Solution, Solver};
 use csbrdf::table::BrdfTable;
 
 const N: usize = 15;

@@ -5,19 +5,19 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::path::PathBuf;
 
-use csbrdf::block::Partition;
+use csbrdf::brdf::eval::Brdf;
+use csbrdf::brdf::touched::Touched;
+use csbrdf::codec::fourier::Basis;
+use csbrdf::codec::sample::Sampling;
 use csbrdf::decode::Reader;
+use csbrdf::edit::prune::Pruner;
 use csbrdf::encode::contract::Contract;
 use csbrdf::encode::{Encoder, Preset};
-use csbrdf::eval::Brdf;
 use csbrdf::format::metadata::Metadata;
-use csbrdf::fourier::Basis;
-use csbrdf::grid::{Axis, AxisName, Channel, Grid, MERL_SCALE, Mapping};
-use csbrdf::prune::Pruner;
-use csbrdf::sample::Sampling;
 use csbrdf::table::BrdfTable;
+use csbrdf::table::block::Partition;
+use csbrdf::table::grid::{Axis, AxisName, Channel, Grid, MERL_SCALE, Mapping};
 use csbrdf::table::synth::Recipe;
-use csbrdf::touched::Touched;
 
 type Failure = Box<dyn std::error::Error>;
 

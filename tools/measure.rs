@@ -11,9 +11,9 @@ use std::hint::black_box;
 use std::path::Path;
 use std::time::Instant;
 
+use csbrdf::brdf::eval::Brdf;
+use csbrdf::codec::sample::SplitMix64;
 use csbrdf::decode::{Reader, Scratch};
-use csbrdf::eval::Brdf;
-use csbrdf::sample::SplitMix64;
 
 mod raw;
 

@@ -15,7 +15,7 @@ SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(git log -1 --format=%ct 2>/dev/null || 
 export SOURCE_DATE_EPOCH
 command -v cargo-cyclonedx >/dev/null || cargo install cargo-cyclonedx --locked --quiet --debug
 
-for manifest in Cargo.toml tools/capi/Cargo.toml tools/python/Cargo.toml; do
+for manifest in Cargo.toml tools/cli/Cargo.toml tools/capi/Cargo.toml tools/python/Cargo.toml; do
     # Versions are those of the lock file, or this fails.
     cargo metadata --locked --format-version 1 --manifest-path "$manifest" >/dev/null
     # It writes beside the manifest.

@@ -3,11 +3,11 @@
 //! Both files are text, a problem a line. In: `basis sigma max_iterations position:value ...` over a block of 15 x 15 x 15.
 //! Out: `norm residual gap iterations transforms seconds stop`; the seconds are the median of several solves.
 
-use csbrdf::fourier::forward::Transform;
-use csbrdf::fourier::{Basis, partners};
-use csbrdf::solve::norm::Norm;
-use csbrdf::solve::sampled::{Columns, SampledBasis};
-use csbrdf::solve::spgl1::{Options, Solver};
+use csbrdf::codec::fourier::forward::Transform;
+use csbrdf::codec::fourier::{Basis, partners};
+use csbrdf::encode::l1::norm::Norm;
+use csbrdf::encode::l1::sampled::{Columns, SampledBasis};
+use csbrdf::encode::l1::spgl1::{Options, Solver};
 
 const SHAPE: [usize; 4] = [1, 15, 15, 15];
 const REPEATS: usize = 5;

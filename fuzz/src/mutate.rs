@@ -1,6 +1,6 @@
 //! Changes to one section of a file, lengths kept right: bytes alone would seldom get past the section table.
 
-use csbrdf::sample::SplitMix64;
+use csbrdf::codec::sample::SplitMix64;
 use libfuzzer_sys::fuzzer_mutate;
 
 use crate::bodies::golden::chosen;

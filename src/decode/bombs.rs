@@ -7,14 +7,14 @@ use std::time::Instant;
 
 use self::make::{Bomb, QUANTIZATION, WORST, wide, worst};
 use super::{Pruned, Reader};
+use crate::base::error::Error;
 use crate::decode::contexts;
-use crate::error::Error;
+use crate::edit::salvage::salvage_with_limits;
 use crate::format::Limits;
 use crate::format::directory::{self, write_file};
 use crate::format::header::{write_grid, write_partition};
 use crate::format::probabilities::write_probabilities;
 use crate::format::profile::CodedProfile;
-use crate::salvage::salvage_with_limits;
 
 fn is_limit<T>(result: Result<T, Error>) -> bool {
     matches!(result, Err(Error::LimitExceeded { .. }))
@@ -151,10 +151,10 @@ fn metadata_are_bounded() {
 /// Tight limits on operations and bytes: each call is within them, or names the one that it would break, and ends soon.
 #[test]
 fn every_call_draws_on_the_budget() {
-    use crate::eval::Brdf;
-    use crate::importance::Importance;
-    use crate::lint::lint_brdf;
-    use crate::prune::Pruner;
+    use crate::assess::lint::lint_brdf;
+    use crate::brdf::eval::Brdf;
+    use crate::brdf::importance::Importance;
+    use crate::edit::prune::Pruner;
     for name in ["corner", "corner-dft", "corrections", "drawn", "lossless", "rows", "profile-wide"] {
         let file = worst(name);
         let start = Instant::now();
@@ -198,7 +198,7 @@ fn every_call_draws_on_the_budget() {
 /// Blocks that the cache cannot hold together are not rebuilt for ever, and what one leaves behind is not kept.
 #[test]
 fn look_ups_in_turn_end() {
-    use crate::eval::Brdf;
+    use crate::brdf::eval::Brdf;
     let file = worst("alternating");
     let limits = Limits { operations: 200_000_000, ..Limits::default() };
     let open = |one: bool| {

@@ -2,8 +2,8 @@
 
 use std::ops::{Deref, DerefMut};
 
-use crate::budget::lengthen;
-use crate::error::Result;
+use crate::base::budget::lengthen;
+use crate::base::error::Result;
 
 /// Values of the block at hand. What it shrinks by stays, for the next larger block, which need not be zeroed again.
 #[derive(Debug, Default)]

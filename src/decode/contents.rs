@@ -1,12 +1,12 @@
 //! What a file says about a block besides its values: validity, origin, errors.
 
 use super::{Reader, State};
-use crate::block::{Block, positions};
-use crate::budget::{Budget, repeated};
-use crate::error::Result;
+use crate::base::budget::{Budget, repeated};
+use crate::base::error::Result;
+use crate::codec::range::Decoder;
+use crate::codec::sample::{Sampling, block_seed, sample_positions};
 use crate::format::record::{Record, ValidityClass};
-use crate::range::Decoder;
-use crate::sample::{Sampling, block_seed, sample_positions};
+use crate::table::block::{Block, positions};
 
 /// Where an entry of a decoded table comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

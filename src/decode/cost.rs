@@ -4,15 +4,15 @@
 //! is counted afterwards, when it is known: until then a block costs a third of a second at most (`MAX_BLOCK_VALUES`).
 
 use super::{Header, Scratch};
-use crate::block::Block;
-use crate::channel::ChannelTransform;
-use crate::correct;
-use crate::entropy::bytes_of_walk;
+use crate::codec::channel::ChannelTransform;
+use crate::codec::correct;
+use crate::codec::entropy::bytes_of_walk;
+use crate::codec::fourier::Synthesis;
 use crate::format::MAX_BLOCK_VALUES;
 use crate::format::profile::{CodedProfile, TABLES};
 use crate::format::record::ValidityClass;
-use crate::fourier::Synthesis;
-use crate::grid::Grid;
+use crate::table::block::Block;
+use crate::table::grid::Grid;
 
 /// A block by itself: the coder's contexts, the record's checksum.
 const BLOCK: u64 = 2000;
@@ -64,7 +64,7 @@ impl Scratch {
     /// What it takes in memory.
     pub(crate) fn bytes(&self) -> usize {
         let plain = self.masks.capacity() + self.zeros.capacity() + 4 * self.corrections.capacity();
-        let terms = self.terms.capacity() * size_of::<crate::fourier::Term>();
+        let terms = self.terms.capacity() * size_of::<crate::codec::fourier::Term>();
         let walks = self.walk.bytes() + self.correct.bytes() + self.lines.bytes();
         plain + terms + walks + self.coefficients.bytes() + self.log.bytes() + self.values.bytes()
     }

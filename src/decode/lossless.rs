@@ -1,15 +1,15 @@
 //! The source's bits, from files that keep them (spec section 4.12).
 
 use super::{Reader, Scratch};
-use crate::block::Block;
-use crate::budget::{Budget, filled, zeroed};
-use crate::error::{Error, Result};
+use crate::base::budget::{Budget, filled, zeroed};
+use crate::base::error::{Error, Result};
+use crate::codec::lossless::{Decoded, Form, Walk, probabilities};
+use crate::codec::range::Decoder;
 use crate::format::directory;
 use crate::format::is_compact;
 use crate::format::lossless::ExactIndex;
 use crate::format::record::ValidityClass;
-use crate::lossless::{Decoded, Form, Walk, probabilities};
-use crate::range::Decoder;
+use crate::table::block::Block;
 
 impl<D: AsRef<[u8]>> Reader<D> {
     /// Whether the file restores the table that it was made from bit by bit: [`Reader::exact_table`].

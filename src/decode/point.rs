@@ -5,12 +5,12 @@
 use std::sync::atomic::AtomicU32;
 
 use super::{Header, Reader, Scratch};
-use crate::block::Block;
-use crate::budget::{Budget, make_room, with_room};
-use crate::channel::ChannelTransform;
-use crate::error::{Error, Result};
-use crate::fourier::{AxisTable, Basis};
-use crate::tone::inverse_tone_map;
+use crate::base::budget::{Budget, make_room, with_room};
+use crate::base::error::{Error, Result};
+use crate::codec::channel::ChannelTransform;
+use crate::codec::fourier::{AxisTable, Basis};
+use crate::codec::tone::inverse_tone_map;
+use crate::table::block::Block;
 
 /// The coefficients of a block that are not zero.
 #[derive(Debug)]

@@ -4,25 +4,25 @@ use std::borrow::Cow;
 use std::sync::OnceLock;
 
 use super::buffer::Buffer;
-use crate::block::{Block, Partition};
-use crate::budget::{Budget, Fault, lengthen, make_room, refill, repeated, with_room};
-use crate::correct::{self, Decoded, correct};
-use crate::dependent::Quantization;
-use crate::entropy::{self, Coefficients, Walk};
-use crate::error::Result;
+use crate::base::budget::{Budget, Fault, lengthen, make_room, refill, repeated, with_room};
+use crate::base::error::Result;
+use crate::base::simd::Level;
+use crate::codec::correct::{self, Decoded, correct};
+use crate::codec::dependent::Quantization;
+use crate::codec::entropy::{self, Coefficients, Walk};
+use crate::codec::fourier::{AxisTable, Lines, Synthesis, Term};
+use crate::codec::mask::{self, MaskModel};
+use crate::codec::profile::Profile;
+use crate::codec::quantize::{Quantizer, dequantize_mean};
+use crate::codec::range::Decoder;
+use crate::codec::zeros::{self, code_zeros};
 use crate::format::header::Coding;
 use crate::format::probabilities::Probabilities;
 use crate::format::profile::CodedProfile;
 use crate::format::record::{Record, ValidityClass};
-use crate::fourier::{AxisTable, Lines, Synthesis, Term};
-use crate::grid::Grid;
-use crate::horizon::Horizon;
-use crate::mask::{self, MaskModel};
-use crate::profile::Profile;
-use crate::quantize::{Quantizer, dequantize_mean};
-use crate::range::Decoder;
-use crate::simd::Level;
-use crate::zeros::{self, code_zeros};
+use crate::table::block::{Block, Partition};
+use crate::table::grid::Grid;
+use crate::table::horizon::Horizon;
 
 /// First contexts of the range coder for coefficients (from 0), masks, zeros, corrections.
 pub(crate) const MASKS: usize = entropy::CONTEXTS;
@@ -110,7 +110,7 @@ impl Header {
     pub(super) fn cost_of_profile(&self) -> Option<[u64; 2]> {
         let coded = self.coded_profile.as_ref().filter(|_| self.profile.get().is_none())?;
         let shapes = coded.shapes(&self.grid)?;
-        let synthesis = Synthesis::new(crate::fourier::Basis::Dct, &[]);
+        let synthesis = Synthesis::new(crate::codec::fourier::Basis::Dct, &[]);
         Some(super::cost::of_profile(coded, &self.grid, &synthesis, shapes))
     }
 

@@ -1,12 +1,12 @@
 //! The whole table, and every byte of a file.
 
 use super::{Reader, Scratch};
-use crate::block::{Block, Place, Shares};
-use crate::budget::{Budget, with_room, zeroed};
-use crate::error::{Error, Result};
+use crate::base::budget::{Budget, with_room, zeroed};
+use crate::base::error::{Error, Result};
+use crate::codec::tone::inverse_tone_map_f64;
 use crate::format::{directory, spare};
 use crate::table::BrdfTable;
-use crate::tone::inverse_tone_map_f64;
+use crate::table::block::{Block, Place, Shares};
 
 /// Places that a verification lists, and blocks that it looks at together.
 const MAX_LISTED: usize = 1 << 16;
@@ -23,7 +23,7 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
         let mut values = with_room(size)?;
         let places = &mut values.spare_capacity_mut()[..size];
         #[cfg(feature = "mmap")]
-        crate::map::ask_for_large_pages(places);
+        crate::base::map::ask_for_large_pages(places);
         self.values_of_blocks(places)?;
         // SAFETY: the first `size` places are all in the memory of some block (`Shares::memory`, `for_each_block`), and without an error
         // every block was written to all of it (`values_to`).
@@ -193,7 +193,7 @@ fn zeros<T: Copy + Default>(size: usize) -> Result<Vec<T>> {
     #[allow(unused_mut)]
     let mut values = zeroed(size)?;
     #[cfg(feature = "mmap")]
-    crate::map::ask_for_large_pages(&mut values);
+    crate::base::map::ask_for_large_pages(&mut values);
     Ok(values)
 }
 

@@ -1,7 +1,7 @@
 use super::{Origin, Pruned, Reader, Scratch};
-use crate::block::positions;
+use crate::base::simd::Level;
 use crate::format::record::{Record, ValidityClass};
-use crate::simd::Level;
+use crate::table::block::positions;
 
 /// The golden files.
 fn golden() -> Vec<(String, Vec<u8>)> {
@@ -120,7 +120,7 @@ fn what_a_scratch_holds_does_not_matter() {
 #[cfg(feature = "encode")]
 #[test]
 fn probabilities_out_of_range_are_an_error_of_the_first_block() {
-    use crate::error::Error;
+    use crate::base::error::Error;
     use crate::format::{VERSION, directory};
 
     let (_, bytes) = golden().into_iter().find(|(name, _)| name.ends_with("final-profile.csbrdf")).unwrap();

@@ -1,12 +1,12 @@
 //! From the components of a block's log values to its values, in the rows of a table or of the block.
 
 use super::rebuild::{Header, Scratch};
-use crate::block::{Block, Place, Target};
-use crate::channel::ChannelTransform;
-use crate::error::Result;
-use crate::exact::{FEWER_LANES, LANES, exp32_lanes};
-use crate::simd::Task;
-use crate::tone::inverse_tone_maps;
+use crate::base::error::Result;
+use crate::base::portable::{FEWER_LANES, LANES, exp32_lanes};
+use crate::base::simd::Task;
+use crate::codec::channel::ChannelTransform;
+use crate::codec::tone::inverse_tone_maps;
+use crate::table::block::{Block, Place, Target};
 
 impl Scratch {
     /// Exact zeros in the log values: exp of what they get is zero, and so is the value.
@@ -179,8 +179,8 @@ mod tests {
     use super::*;
     use std::mem::MaybeUninit;
 
-    use crate::simd::Level;
-    use crate::tone::inverse_tone_map;
+    use crate::base::simd::Level;
+    use crate::codec::tone::inverse_tone_map;
 
     /// Rows that end anywhere within the lanes that go together, in memory with and without values.
     #[test]

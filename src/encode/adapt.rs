@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::estimate::{Estimator, Stiffness};
-use crate::sample::Sampling;
+use crate::codec::sample::Sampling;
 
 /// The ratio that every block starts with; seven doublings on every entry is a sample.
 pub(super) const START: Sampling = Sampling::Bernoulli { threshold: 1 << 25 };

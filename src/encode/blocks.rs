@@ -1,12 +1,12 @@
 //! Blocks between the table and the quantiser: their log values on the way in, their integers on the way out.
 
 use super::recover::Solves;
-use crate::block::Block;
-use crate::entropy::MAX_MAGNITUDE;
-use crate::quantize::{Quantizer, quantize_mean};
-use crate::simd::{Level, Task};
+use crate::base::simd::{Level, Task};
+use crate::codec::entropy::MAX_MAGNITUDE;
+use crate::codec::quantize::{Quantizer, quantize_mean};
+use crate::codec::tone::tone_map;
 use crate::table::BrdfTable;
-use crate::tone::tone_map;
+use crate::table::block::Block;
 
 /// Sums over magnitudes 1, and 2 and above: how far below the integer the coefficient was, in steps; counts.
 #[derive(Clone, Copy, Default)]

@@ -1,7 +1,7 @@
 //! The largest error that a file may have, and the corrections that keep it (spec section 4.11).
 
-use crate::entropy::MAX_MAGNITUDE;
-use crate::error::{Error, Result};
+use crate::base::error::{Error, Result};
+use crate::codec::entropy::MAX_MAGNITUDE;
 use crate::format::STEP_RANGE;
 
 /// Correction step in largest errors. Up to 2 would do; an entry is corrected where it is off by more than one error,
@@ -98,7 +98,7 @@ mod tests {
             });
             let corrections = bound.corrections(&[value], &[true], &[decoded], CUTS).unwrap();
             let mut log = [decoded];
-            crate::correct::correct(&mut log, &corrections, bound.step);
+            crate::codec::correct::correct(&mut log, &corrections, bound.step);
             prop_assert!((value - f64::from(log[0]).clamp(CUTS[0], CUTS[1])).abs() <= bound.limit);
         }
     }

@@ -2,12 +2,12 @@
 
 use super::dense::Dense;
 use super::{Blocks, Channels, Encoder, shape};
-use crate::block::Partition;
-use crate::channel::ChannelTransform;
-use crate::error::{Error, Result};
+use crate::base::error::{Error, Result};
+use crate::codec::channel::ChannelTransform;
 use crate::format::check_block;
-use crate::horizon::{Horizon, fit_threshold, lowest_elevation};
 use crate::table::BrdfTable;
+use crate::table::block::Partition;
+use crate::table::horizon::{Horizon, fit_threshold, lowest_elevation};
 
 impl Encoder {
     /// The opponent transform needs three channels that are measured at the same places.

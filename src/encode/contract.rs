@@ -1,17 +1,17 @@
 //! What a file must keep, and the search for the quantiser step that keeps it at the least cost.
 //!
 //! A trial is one encode at one step; everything it says is measured on what the decoder gives. The file that a search
-//! settles on is decoded once more as a whole and compared with the table ([`crate::proof`]) before it is given out.
+//! settles on is decoded once more as a whole and compared with the table ([`crate::assess::proof`]) before it is given out.
 
 use serde_json::{Value, json};
 
 use super::search::{Missed, least, nearest};
 use super::{Blocks, Encoded, Encoder, Trial};
+use crate::assess::proof::{PICTURE, prove};
+use crate::assess::render::{Image, psnr, sphere_of_table};
+use crate::base::error::{Error, Result};
 use crate::decode::Reader;
-use crate::error::{Error, Result};
 use crate::format::STEP_RANGE;
-use crate::proof::{PICTURE, prove};
-use crate::render::{Image, psnr, sphere_of_table};
 use crate::table::BrdfTable;
 
 /// What a file keeps, whatever the table.
@@ -22,7 +22,7 @@ pub enum Contract {
     MaxError(f64),
     /// Rms error of ln(f + eps) over the valid entries at most this.
     Rmse(f64),
-    /// Render PSNR at least this, dB: of a lit sphere 128 pixels across, as [`crate::render`] shows it.
+    /// Render PSNR at least this, dB: of a lit sphere 128 pixels across, as [`crate::assess::render`] shows it.
     Psnr(f64),
     /// At most so many bytes, and as good as fits.
     Size(u64),

@@ -9,14 +9,14 @@ use super::blocks::channel_log;
 use super::fill::Fillers;
 use super::guess::Guesses;
 use super::{Encoder, grazing};
-use crate::block::Block;
-use crate::channel::ChannelTransform;
+use crate::base::simd::Level;
+use crate::codec::channel::ChannelTransform;
+use crate::codec::fourier::Basis;
+use crate::codec::profile::Profile;
 use crate::format::profile::CodedProfile;
-use crate::fourier::Basis;
-use crate::grid::Grid;
-use crate::profile::Profile;
-use crate::simd::Level;
 use crate::table::BrdfTable;
+use crate::table::block::Block;
+use crate::table::grid::Grid;
 
 /// Planes in grid order, one a channel.
 pub(super) struct Dense {

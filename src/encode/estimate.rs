@@ -11,11 +11,11 @@ use rayon::prelude::*;
 
 use super::recover::{Recoverer, Recovery, Solves};
 use super::trend::{Model, Trend, one_of};
-use crate::block::{Block, Partition};
-use crate::channel::ChannelTransform;
-use crate::sample::{Sampling, block_seed, sample_positions};
+use crate::codec::channel::ChannelTransform;
+use crate::codec::sample::{Sampling, block_seed, sample_positions};
+use crate::codec::tone::tone_map;
 use crate::table::BrdfTable;
-use crate::tone::tone_map;
+use crate::table::block::{Block, Partition};
 use windows::Windows;
 
 /// Trends to choose from, by their stiffness; none is a choice as well.

@@ -11,11 +11,11 @@
 use std::collections::HashMap;
 use std::sync::Mutex;
 
-use crate::block::positions;
-use crate::channel::ChannelTransform;
-use crate::fourier::Basis;
-use crate::fourier::forward::SingleTransform;
-use crate::simd::{Level, Task};
+use crate::base::simd::{Level, Task};
+use crate::codec::channel::ChannelTransform;
+use crate::codec::fourier::Basis;
+use crate::codec::fourier::forward::SingleTransform;
+use crate::table::block::positions;
 
 /// Last threshold, in quantiser steps at weight 1.
 const LAST_THRESHOLD: f32 = 0.3;
@@ -232,7 +232,7 @@ mod tests {
             let (j, k) = ((p / 20 % 8) as f32, (p % 20) as f32);
             3.0 * (PI * (j + 0.5) / 8.0).cos() + (PI * 2.0 * (k + 0.5) / 20.0).cos()
         };
-        let mut random = crate::sample::SplitMix64(5);
+        let mut random = crate::codec::sample::SplitMix64(5);
         let known: Vec<bool> = (0..3 * n).map(|_| random.next_u64() % 10 < 7).collect();
         let mut log: Vec<f32> = (0..3 * n).map(|i| if known[i] { truth(i % n) } else { 0.0 }).collect();
         let mut filler = Filler::new(Basis::Dct);

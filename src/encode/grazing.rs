@@ -13,17 +13,17 @@ use rayon::prelude::*;
 
 use super::Effort;
 use super::effort::ProfileStage;
-use crate::channel::ChannelTransform;
-use crate::dependent::Quantization;
-use crate::entropy::{self, Walk};
+use crate::codec::channel::ChannelTransform;
+use crate::codec::dependent::Quantization;
+use crate::codec::entropy::{self, Walk};
+use crate::codec::fourier::Basis;
+use crate::codec::fourier::forward::Transform;
+use crate::codec::profile::{Profile, bins, place};
+use crate::codec::quantize::{Quantizer, quantize_mean};
+use crate::codec::range::Encoder;
 use crate::format::profile::{CodedProfile, TABLES};
 use crate::format::{MAX_BLOCK_AXIS, check_block};
-use crate::fourier::Basis;
-use crate::fourier::forward::Transform;
-use crate::grid::Grid;
-use crate::profile::{Profile, bins, place};
-use crate::quantize::{Quantizer, quantize_mean};
-use crate::range::Encoder;
+use crate::table::grid::Grid;
 
 /// Knots along the elevation, and where the profile ends; within 2 % for zones of .12 to .5 and 16 to 32 knots.
 const KNOTS: usize = 24;
@@ -434,8 +434,8 @@ pub(super) fn fit(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::block::{Block, positions};
-    use crate::grid::Channel;
+    use crate::table::block::{Block, positions};
+    use crate::table::grid::Channel;
 
     /// A course that depends on the elevations alone is taken out, whatever smooth course it stands on.
     #[test]
@@ -456,7 +456,7 @@ mod tests {
         }
         let (_, profile) = fit(&grid, &ChannelTransform::None, &log, &known, 0.1, Effort::Standard).unwrap();
         let mut taken = vec![0f32; log.len()];
-        profile.add(crate::simd::Level::detect(), &Block { origin: [0; 4], shape: grid.shape() }, &mut taken);
+        profile.add(crate::base::simd::Level::detect(), &Block { origin: [0; 4], shape: grid.shape() }, &mut taken);
         let steps = |values: &dyn Fn(usize) -> f32| -> f64 {
             let beside = (1..log.len()).filter(|&i| i % 180 > 0 && known[i] && known[i - 1]);
             beside.map(|i| f64::from((values(i) - values(i - 1)).abs())).sum()

@@ -4,14 +4,16 @@ use rayon::prelude::*;
 
 use super::blocks::{Quantized, gather_log};
 use super::bound::Bound;
-use crate::block::{Block, Partition};
-use crate::budget::Budget;
-use crate::correct::{self, Decoded};
+use crate::base::budget::Budget;
+use crate::base::error::{Error, Result};
+use crate::codec::correct::{self, Decoded};
+use crate::codec::dependent::Quantization;
+use crate::codec::entropy::Walk;
+use crate::codec::lossless;
+use crate::codec::range::{Coder, Counter, Encoder};
+use crate::codec::zeros::code_zeros;
 use crate::decode::lossless::decode_bits;
 use crate::decode::{CONTEXTS, CORRECTIONS, Header, MASKS, Scratch, ZEROS, contexts, without_zeros};
-use crate::dependent::Quantization;
-use crate::entropy::Walk;
-use crate::error::{Error, Result};
 use crate::format::directory::{self, write_file, write_file_with_spare};
 use crate::format::header::{Coding, write_coding, write_grid, write_partition};
 use crate::format::index::{Entry, encode_error, write_index};
@@ -20,10 +22,8 @@ use crate::format::probabilities::{decode_probability, encode_probability, write
 use crate::format::profile::{CodedProfile, write_profile};
 use crate::format::record::{Record, ValidityClass};
 use crate::format::{MAX_MEANS, VERSION};
-use crate::lossless;
-use crate::range::{Coder, Counter, Encoder};
 use crate::table::BrdfTable;
-use crate::zeros::code_zeros;
+use crate::table::block::{Block, Partition};
 
 /// Bits that a stored probability must save: it takes eight, and records adapt without it.
 const PROBABILITY_BITS: f64 = 16.0;

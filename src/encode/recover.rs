@@ -3,13 +3,13 @@
 use std::collections::HashMap;
 
 use super::trace::Tracer;
-use crate::block::positions;
-use crate::fourier::forward::Transform;
-use crate::fourier::{Basis, partners};
-use crate::sample::{Sampling, sample_positions};
-use crate::solve::norm::Norm;
-use crate::solve::sampled::{Columns, SampledBasis};
-use crate::solve::spgl1::{Options, Solver};
+use crate::codec::fourier::forward::Transform;
+use crate::codec::fourier::{Basis, partners};
+use crate::codec::sample::{Sampling, sample_positions};
+use crate::encode::l1::norm::Norm;
+use crate::encode::l1::sampled::{Columns, SampledBasis};
+use crate::encode::l1::spgl1::{Options, Solver};
+use crate::table::block::positions;
 
 /// What the recovery of a block's component needs to know.
 #[derive(Clone, Copy, Debug)]

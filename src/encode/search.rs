@@ -2,7 +2,7 @@
 //!
 //! Trials are whole encodes and few; both searches think in logarithms, where errors and sizes are almost straight lines.
 
-use crate::error::{Error, Result};
+use crate::base::error::{Error, Result};
 use crate::format::STEP_RANGE;
 
 /// Logarithm of a step, and what its trial came to.

@@ -9,12 +9,12 @@
 use rayon::prelude::*;
 
 use super::blocks::Quantized;
-use crate::block::Partition;
+use crate::base::error::Result;
+use crate::codec::dependent::Quantization;
+use crate::codec::entropy::Walk;
+use crate::codec::range::Counter;
 use crate::decode::CONTEXTS;
-use crate::dependent::Quantization;
-use crate::entropy::Walk;
-use crate::error::Result;
-use crate::range::Counter;
+use crate::table::block::Partition;
 
 /// Iterations of the solves of a trial: enough to rank shapes.
 pub(super) const ITERATIONS: usize = 10;

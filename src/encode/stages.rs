@@ -10,11 +10,11 @@ use super::dense::{Dense, DenseBlock};
 use super::estimate::Estimate;
 use super::recover::{Recoverer, Recovery, Solves};
 use super::trellis::{self, Filled};
-use crate::block::{Block, Partition};
-use crate::channel::ChannelTransform;
-use crate::error::{Error, Result};
-use crate::sample::block_seed;
+use crate::base::error::{Error, Result};
+use crate::codec::channel::ChannelTransform;
+use crate::codec::sample::block_seed;
 use crate::table::BrdfTable;
+use crate::table::block::{Block, Partition};
 
 impl Encoder {
     pub(super) fn recovery(&self, iterations: usize) -> Recovery {
@@ -152,7 +152,7 @@ impl Encoder {
     }
 
     pub(super) fn too_fine(&self) -> Error {
-        let largest = crate::entropy::MAX_MAGNITUDE;
+        let largest = crate::codec::entropy::MAX_MAGNITUDE;
         let step = self.step;
         Error::InvalidArgument(format!("quality {step} is too fine: a coefficient is beyond {largest} steps; raise it"))
     }

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::decode::Reader;
-use crate::grid::Grid;
+use crate::table::grid::Grid;
 use crate::table::synth::Recipe;
 
 fn table() -> BrdfTable {
@@ -20,7 +20,7 @@ fn tiles_may_have_shapes_of_their_own() {
     let reader = Reader::open(bytes).unwrap();
     assert_eq!(reader.block_count(), blocks);
     assert!(reader.verify().is_empty());
-    let comparison = crate::metrics::compare(&table, &reader.decode_table().unwrap()).unwrap();
+    let comparison = crate::assess::metrics::compare(&table, &reader.decode_table().unwrap()).unwrap();
     assert!(comparison.overall.log_rms < 0.03, "{comparison:?}");
     assert_eq!(comparison.only_in_reference + comparison.only_in_other, 0);
 }
@@ -43,7 +43,7 @@ fn sparse_recovers_more_from_the_same_samples() {
 #[test]
 fn a_trend_fills_holes() {
     let full = table();
-    let mut random = crate::sample::SplitMix64(3);
+    let mut random = crate::codec::sample::SplitMix64(3);
     let n = full.grid().positions();
     let keep: Vec<bool> = (0..n).map(|_| random.next_u64().is_multiple_of(10)).collect();
     let valid = full.valid().iter().enumerate().map(|(i, v)| *v && keep[i % n]).collect();
@@ -54,8 +54,8 @@ fn a_trend_fills_holes() {
     let filled = full.valid().iter().enumerate().filter(|(i, v)| **v && !keep[i % n]);
     let (sum, count) = filled.fold((0.0, 0), |(sum, count), (i, _)| {
         let scale = full.grid().channels()[i / n].scale;
-        let truth = crate::tone::tone_map(full.values()[i] * scale, 1e-3);
-        (sum + (truth - crate::tone::tone_map(decoded[i].into(), 1e-3)).powi(2), count + 1)
+        let truth = crate::codec::tone::tone_map(full.values()[i] * scale, 1e-3);
+        (sum + (truth - crate::codec::tone::tone_map(decoded[i].into(), 1e-3)).powi(2), count + 1)
     });
     let rms = (sum / f64::from(count)).sqrt();
     assert!(rms < 0.05, "{rms}");
@@ -65,7 +65,7 @@ fn a_trend_fills_holes() {
 #[test]
 fn blocks_doubled_to_every_entry_hold_what_was_measured() {
     let grid = Grid::merl().with_lengths(&[6, 5, 7]).unwrap();
-    let mut random = crate::sample::SplitMix64(8);
+    let mut random = crate::codec::sample::SplitMix64(8);
     let values: Vec<f64> = (0..grid.positions() * 3).map(|_| 1e3 * (random.next_u64() >> 54) as f64).collect();
     let table = BrdfTable::from_values(grid, values).unwrap();
     let encoder = Encoder::new().block_shape(&[6, 5, 7]).quality(0.01).iterations(1);
@@ -103,7 +103,7 @@ fn profiles_save_bytes_and_zeros_are_exact() {
     let plain = Recipe::named("satin-paint").unwrap().synthesise(&grid).unwrap();
     let n = grid.positions();
     let mut values = plain.values().to_vec();
-    for (p, at) in crate::block::positions(grid.shape()).enumerate() {
+    for (p, at) in crate::table::block::positions(grid.shape()).enumerate() {
         let angle = |axis: usize| grid.axes()[axis].angle(at[1 + axis] as f64 + 0.5);
         let (h, d, phi) = (angle(0), angle(1), angle(2));
         // Of light and of sensor, as a measurement that loses its light below 8 degrees would.

@@ -9,15 +9,15 @@ use rayon::prelude::*;
 
 use super::dense::Dense;
 use super::{Effort, Encoder};
-use crate::block::{Block, Partition};
-use crate::channel::ChannelTransform;
-use crate::dependent::Quantization;
-use crate::entropy::{CONTEXTS, Walk};
-use crate::error::{Error, Result};
+use crate::base::error::{Error, Result};
+use crate::codec::channel::ChannelTransform;
+use crate::codec::dependent::Quantization;
+use crate::codec::entropy::{CONTEXTS, Walk};
+use crate::codec::range::{Costs, Counter};
 use crate::format::check_block;
 use crate::format::profile::write_profile;
-use crate::grid::Grid;
-use crate::range::{Costs, Counter};
+use crate::table::block::{Block, Partition};
+use crate::table::grid::Grid;
 
 /// Bytes that each block costs in index and record besides its coefficients.
 const OVERHEAD: f64 = 10.5;
@@ -113,7 +113,7 @@ fn clipped(shape: &[usize], within: [usize; 4]) -> [usize; 4] {
 /// The blocks of a box, in the order of the format.
 fn cut(place: &Block, shape: [usize; 4]) -> Vec<Block> {
     let counts: [usize; 4] = std::array::from_fn(|a| place.shape[a].div_ceil(shape[a]));
-    crate::block::positions(counts)
+    crate::table::block::positions(counts)
         .map(|at| Block {
             origin: std::array::from_fn(|a| place.origin[a] + at[a] * shape[a]),
             shape: std::array::from_fn(|a| shape[a].min(place.shape[a] - at[a] * shape[a])),

@@ -4,10 +4,10 @@ use std::time::{Duration, Instant};
 
 use super::Encoder;
 use super::recover::Recoverer;
-use crate::error::{Error, Result};
-use crate::solve::norm::Norm;
-use crate::solve::spgl1::{self, Options, Solution};
-use crate::solve::{Iterate, Operator};
+use crate::base::error::{Error, Result};
+use crate::encode::l1::norm::Norm;
+use crate::encode::l1::spgl1::{self, Options, Solution};
+use crate::encode::l1::{Iterate, Operator};
 use crate::table::BrdfTable;
 
 /// How far to follow a solve: beyond the encoder, which stops at the first point that reaches sigma.

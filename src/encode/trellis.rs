@@ -9,14 +9,14 @@
 use rayon::prelude::*;
 
 use super::blocks::Quantized;
-use crate::decode::CONTEXTS;
-use crate::dependent::{Quantization, STATES, State};
-use crate::entropy::{
+use crate::codec::dependent::{Quantization, STATES, State};
+use crate::codec::entropy::{
     Around, Extents, MAX_MAGNITUDE, ODD_CONTEXTS, Rows, SIGNIFICANT, SIGNIFICANT_ODD, WIDTH, Walk, find_extents,
     price_number,
 };
-use crate::quantize::quantize_mean;
-use crate::range::{Costs, Counter};
+use crate::codec::quantize::quantize_mean;
+use crate::codec::range::{Costs, Counter};
+use crate::decode::CONTEXTS;
 
 /// Step of the multiples in steps of the encoder, which are those of a scalar quantiser. Shares of .5 to .8 and exchange rates of .2 to
 /// .45 lie within 2 % of one curve; these are best at log rms .01.
@@ -215,7 +215,7 @@ mod tests {
     fn noise_takes_fewer_bits_at_equal_error() {
         let shape = [1, 8, 8, 60];
         let n: usize = shape.iter().product();
-        let mut random = crate::sample::SplitMix64(7);
+        let mut random = crate::codec::sample::SplitMix64(7);
         let mut uniform = || (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
         let mut normal = || ((-2.0 * (1.0 - uniform()).ln()).sqrt() * (std::f64::consts::TAU * uniform()).cos()) as f32;
         let blocks: Vec<Filled> =

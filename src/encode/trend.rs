@@ -13,8 +13,8 @@
 
 use rayon::prelude::*;
 
-use crate::grid::{AxisName, Grid};
-use crate::sample::SplitMix64;
+use crate::codec::sample::SplitMix64;
+use crate::table::grid::{AxisName, Grid};
 
 /// Knots of the tables along an elevation.
 const ELEVATION_KNOTS: usize = 48;
@@ -281,7 +281,7 @@ fn conjugate_gradients(right: &[f64], diagonal: &[f64], mut apply: impl FnMut(&[
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grid::Axis;
+    use crate::table::grid::Axis;
 
     fn grid() -> Grid {
         let merl = Grid::merl();

@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use crate::bits::ByteReader;
-use crate::error::{Error, Result};
+use crate::base::bits::ByteReader;
+use crate::base::error::{Error, Result};
 use crate::format::{END_MARKER, MAGIC, MAX_SECTIONS, reads_version};
 
 /// Bytes before the section table.
@@ -237,7 +237,7 @@ pub(crate) use write::{write_file, write_file_with_spare};
 #[cfg(feature = "encode")]
 mod write {
     use super::*;
-    use crate::bits::ByteWriter;
+    use crate::base::bits::ByteWriter;
     use crate::format::spare;
 
     /// As [`write_file`], with a spare copy of the sections before RECS at the end.

@@ -1,14 +1,14 @@
 //! The header sections: GRID, CODE and PART (spec sections 3.2 to 3.4).
 
-use crate::bits::ByteReader;
-use crate::block::Partition;
-use crate::channel::{ChannelTransform, MAX_MATRIX_CHANNELS};
-use crate::dependent::Quantization;
-use crate::error::{Error, Result};
+use crate::base::bits::ByteReader;
+use crate::base::error::{Error, Result};
+use crate::codec::channel::{ChannelTransform, MAX_MATRIX_CHANNELS};
+use crate::codec::dependent::Quantization;
+use crate::codec::fourier::Basis;
+use crate::codec::sample::Sampling;
 use crate::format::{EPS_RANGE, MAX_CHANNELS, STEP_RANGE, check_block, is_compact, is_dependent};
-use crate::fourier::Basis;
-use crate::grid::{Axis, AxisName, Channel, Grid, Mapping};
-use crate::sample::Sampling;
+use crate::table::block::Partition;
+use crate::table::grid::{Axis, AxisName, Channel, Grid, Mapping};
 
 /// How a file's values were coded: everything that its blocks share.
 #[derive(Clone, Debug, PartialEq)]
@@ -220,7 +220,7 @@ pub(crate) use write::*;
 #[cfg(feature = "encode")]
 mod write {
     use super::*;
-    use crate::bits::ByteWriter;
+    use crate::base::bits::ByteWriter;
 
     pub(crate) fn write_grid(grid: &Grid) -> Vec<u8> {
         let mut w = ByteWriter::default();

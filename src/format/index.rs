@@ -2,14 +2,14 @@
 
 use std::ops::Range;
 
-use crate::bits::{ByteReader, read_int, read_uint};
-use crate::block::Partition;
-use crate::budget::with_room;
-use crate::entropy::{MAX_MAGNITUDE, code_low_bits};
-use crate::error::{Error, Result};
+use crate::base::bits::{ByteReader, read_int, read_uint};
+use crate::base::budget::with_room;
+use crate::base::error::{Error, Result};
+use crate::codec::entropy::{MAX_MAGNITUDE, code_low_bits};
+use crate::codec::range::{Coder, Decoder};
 use crate::format::MAX_MEANS;
 use crate::format::directory::Section;
-use crate::range::{Coder, Decoder};
+use crate::table::block::Partition;
 
 /// Bytes of a code for an error.
 const ERROR_CODE: usize = 1;
@@ -389,9 +389,9 @@ pub(crate) use write::{encode_error, write_index};
 #[cfg(feature = "encode")]
 mod write {
     use super::{CONTEXTS, Chain, Entry, decode_error};
-    use crate::bits::ByteWriter;
-    use crate::block::Partition;
-    use crate::range::Encoder;
+    use crate::base::bits::ByteWriter;
+    use crate::codec::range::Encoder;
+    use crate::table::block::Partition;
 
     /// Code of the smallest representable bound that is not below `error`.
     pub(crate) fn encode_error(error: f64) -> u8 {
@@ -463,7 +463,7 @@ mod tests {
 
     #[test]
     fn numbers_of_every_size_round_trip() {
-        use crate::range::Encoder;
+        use crate::codec::range::Encoder;
         let numbers: Vec<u32> =
             (0..32).flat_map(|b| [1u32 << b, (1u32 << b) - 1, 3 << b >> 1]).chain([u32::MAX]).collect();
         let mut encoder = Encoder::new(&[1 << 15; NUMBER]);

@@ -2,9 +2,9 @@
 
 use std::ops::Range;
 
-use crate::bits::{ByteReader, read_uint};
-use crate::budget::with_room;
-use crate::error::{Error, Result};
+use crate::base::bits::{ByteReader, read_uint};
+use crate::base::budget::with_room;
+use crate::base::error::{Error, Result};
 use crate::format::directory::{self, Section, check_crc};
 use crate::format::record::checksum;
 
@@ -98,7 +98,7 @@ pub(crate) use write::write_exact;
 #[cfg(feature = "encode")]
 mod write {
     use super::*;
-    use crate::bits::ByteWriter;
+    use crate::base::bits::ByteWriter;
 
     /// The section, of what the range coder gave for each block.
     pub(crate) fn write_exact(missing: &[u64], coded: &[&[u8]]) -> Vec<u8> {

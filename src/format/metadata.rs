@@ -7,9 +7,9 @@ mod present {
     use serde::{Deserialize, Serialize};
     use serde_json::Value;
 
-    use crate::bits::ByteReader;
-    use crate::error::{Error, Result};
-    use crate::excerpt::excerpt;
+    use crate::base::bits::ByteReader;
+    use crate::base::error::{Error, Result};
+    use crate::base::excerpt::excerpt;
     use crate::format::{MAX_METADATA, MAX_METADATA_OBJECTS};
 
     /// Provenance of a file. All fields are optional; unknown keys are kept in `other`.

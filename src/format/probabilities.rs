@@ -2,13 +2,13 @@
 
 use std::sync::OnceLock;
 
-use crate::bits::ByteReader;
-use crate::entropy::{MAX_NUMBER_BITS, code_number};
-use crate::error::Result;
-use crate::exact::exp64;
+use crate::base::bits::ByteReader;
+use crate::base::error::Result;
+use crate::base::portable::exp64;
+use crate::codec::entropy::{MAX_NUMBER_BITS, code_number};
+use crate::codec::range::{Coder, Decoder};
 use crate::format::directory::PROBABILITIES;
 use crate::format::{is_compact, is_dependent};
-use crate::range::{Coder, Decoder};
 
 /// Contexts of the coder within the section: whether a probability follows, by whether the two before did; then those of
 /// the differences between codes.
@@ -139,8 +139,8 @@ pub(crate) use write::*;
 #[cfg(feature = "encode")]
 mod write {
     use super::{CONTEXTS, code_entries};
-    use crate::bits::ByteWriter;
-    use crate::range::Encoder;
+    use crate::base::bits::ByteWriter;
+    use crate::codec::range::Encoder;
 
     /// Code of a probability, the nearest on a logarithmic scale.
     pub(crate) fn encode_probability(probability: f64) -> u8 {
@@ -208,7 +208,7 @@ mod tests {
         }
     }
 
-    /// The section byte for byte; what the bytes say was read by the `RangeDecoder` of tools/csbrdf_decode.py.
+    /// The section byte for byte; what the bytes say was read by the `RangeDecoder` of spec/decode.py.
     #[test]
     fn bytes_are_those_of_the_specification() {
         let codes = [None, Some(12), Some(129), None, Some(0), Some(127), Some(255), None];

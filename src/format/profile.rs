@@ -1,17 +1,17 @@
 //! The section GRAZ (spec section 3.9): the coded tables of the grazing profile.
 
-use crate::bits::ByteReader;
-use crate::budget::{Budget, Fault, filled, make_room};
-use crate::dependent::Quantization;
-use crate::entropy::{self, Coefficients, MAX_MAGNITUDE, Walk};
-use crate::error::Result;
+use crate::base::bits::ByteReader;
+use crate::base::budget::{Budget, Fault, filled, make_room};
+use crate::base::error::Result;
+use crate::base::simd::Level;
+use crate::codec::dependent::Quantization;
+use crate::codec::entropy::{self, Coefficients, MAX_MAGNITUDE, Walk};
+use crate::codec::fourier::{Basis, Lines, Synthesis};
+use crate::codec::profile::{Profile, bins};
+use crate::codec::quantize::dequantize_mean;
+use crate::codec::range::Decoder;
 use crate::format::{MAX_BLOCK_AXIS, STEP_RANGE, check_block};
-use crate::fourier::{Basis, Lines, Synthesis};
-use crate::grid::Grid;
-use crate::profile::{Profile, bins};
-use crate::quantize::dequantize_mean;
-use crate::range::Decoder;
-use crate::simd::Level;
+use crate::table::grid::Grid;
 
 /// Tables of a profile: over theta_h even and odd, over theta_d even and odd.
 pub(crate) const TABLES: usize = 4;
@@ -153,8 +153,8 @@ pub(crate) use write::write_profile;
 #[cfg(feature = "encode")]
 mod write {
     use super::*;
-    use crate::bits::ByteWriter;
-    use crate::range::Encoder;
+    use crate::base::bits::ByteWriter;
+    use crate::codec::range::Encoder;
 
     impl CodedProfile {
         /// The same with some of its components alone, in the order given; the profile of these stays bit for bit.
@@ -190,7 +190,7 @@ mod write {
 #[cfg(all(test, feature = "encode"))]
 mod tests {
     use super::*;
-    use crate::grid::{Axis, Channel};
+    use crate::table::grid::{Axis, Channel};
 
     fn grid() -> Grid {
         let merl = Grid::merl();

@@ -1,6 +1,6 @@
 //! One block's record (spec section 3.8): class byte, coded masks and coefficients, CRC-32.
 
-use crate::error::{Error, Result};
+use crate::base::error::{Error, Result};
 use crate::format::directory::check_crc;
 
 /// Bytes of a record besides the coded ones: class and checksum.

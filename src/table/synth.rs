@@ -7,8 +7,8 @@
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use super::BrdfTable;
-use crate::error::{Error, Result};
-use crate::grid::{AxisName, Grid};
+use crate::base::error::{Error, Result};
+use crate::table::grid::{AxisName, Grid};
 
 /// A bin is impossible where the lower of the two directions of its centre has a cosine below this.
 ///
@@ -316,7 +316,7 @@ impl Normals {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grid::{Axis, Mapping};
+    use crate::table::grid::{Axis, Mapping};
 
     fn small(phi_end: f64) -> Grid {
         let axis = |name, len, end| Axis { name, len, mapping: Mapping::Linear, start: 0.0, end };

@@ -4,8 +4,8 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use csbrdf::encode::contract::Contract;
 use csbrdf::encode::{Effort, Encoder, Preset};
-use csbrdf::grid::{Axis, AxisName, Channel, Grid, Mapping};
 use csbrdf::table::BrdfTable;
+use csbrdf::table::grid::{Axis, AxisName, Channel, Grid, Mapping};
 
 /// A table and how far from it a file may be.
 pub struct Case {
@@ -53,7 +53,7 @@ fn axes(lens: &[usize]) -> Vec<Axis> {
 
 fn channels(count: usize) -> Vec<Channel> {
     if count == 3 {
-        return Grid::rgb_channels(csbrdf::grid::MERL_SCALE);
+        return Grid::rgb_channels(csbrdf::table::grid::MERL_SCALE);
     }
     let spectral = |i| Channel { name: format!("c{i}"), wavelength: Some(400.0 + i as f64), scale: 1.0 };
     (0..count).map(spectral).collect()

@@ -6,11 +6,11 @@
 use std::hint::black_box;
 
 use criterion::{BenchmarkGroup, Criterion, Throughput, measurement::WallTime};
+use csbrdf::brdf::eval::Brdf;
+use csbrdf::codec::sample::SplitMix64;
 use csbrdf::decode::{Reader, Scratch};
 use csbrdf::encode::Encoder;
-use csbrdf::eval::Brdf;
-use csbrdf::grid::Grid;
-use csbrdf::sample::SplitMix64;
+use csbrdf::table::grid::Grid;
 use csbrdf::table::synth::Recipe;
 
 #[path = "../raw/mod.rs"]

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use csbrdf::coords::{Lookup, grid_coordinates, taps};
-use csbrdf::grid::Grid;
-use csbrdf::sample::SplitMix64;
+use csbrdf::codec::sample::SplitMix64;
+use csbrdf::table::coords::{Lookup, grid_coordinates, taps};
+use csbrdf::table::grid::Grid;
 
 /// Random directions over the hemisphere, of light and of sensor, for so many look-ups.
 pub fn directions(count: usize, random: &mut SplitMix64) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {

@@ -5,7 +5,7 @@ use std::cell::RefCell;
 use clap::{Command as Parser, CommandFactory, FromArgMatches};
 
 #[allow(dead_code)]
-#[path = "../../../src/bin/csbrdf/args.rs"]
+#[path = "../../../tools/cli/src/args.rs"]
 mod cli;
 
 use cli::{Cli, Command};

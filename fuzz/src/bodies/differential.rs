@@ -1,10 +1,10 @@
 //! What this decoder makes of a file, as a line for `tools/differential.py`, which has the decoder that was written from the specification
 //! alone say the same of it.
 
+use csbrdf::base::error::Error;
+use csbrdf::codec::sample::SplitMix64;
 use csbrdf::decode::{Pruned, Reader};
-use csbrdf::error::Error;
 use csbrdf::format::Limits;
-use csbrdf::sample::SplitMix64;
 
 use super::recipe;
 

@@ -4,15 +4,15 @@
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use arbitrary::{Result, Unstructured};
+use csbrdf::assess::proof::prove;
+use csbrdf::base::error::Error;
+use csbrdf::codec::fourier::Basis;
+use csbrdf::codec::sample::Sampling;
 use csbrdf::decode::{Pruned, Reader};
 use csbrdf::encode::contract::Contract;
 use csbrdf::encode::{Channels, Effort, Encoder, Preset};
-use csbrdf::error::Error;
-use csbrdf::fourier::Basis;
-use csbrdf::grid::{Axis, AxisName, Channel, Grid, Mapping};
-use csbrdf::proof::prove;
-use csbrdf::sample::Sampling;
 use csbrdf::table::BrdfTable;
+use csbrdf::table::grid::{Axis, AxisName, Channel, Grid, Mapping};
 
 use super::{is_value, same_bits};
 

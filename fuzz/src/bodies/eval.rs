@@ -2,9 +2,9 @@
 //! says how and where; the file follows.
 
 use arbitrary::{Result, Unstructured};
-use csbrdf::coords::Lookup;
+use csbrdf::brdf::eval::Brdf;
 use csbrdf::decode::{Pruned, Reader};
-use csbrdf::eval::Brdf;
+use csbrdf::table::coords::Lookup;
 
 use super::seal::sealed;
 use super::{LIMITS, is_value, same_bits};

@@ -2,10 +2,10 @@
 
 use std::time::Instant;
 
+use csbrdf::base::error::Error;
+use csbrdf::brdf::eval::Brdf;
+use csbrdf::brdf::importance::Importance;
 use csbrdf::decode::{Pruned, Reader};
-use csbrdf::error::Error;
-use csbrdf::eval::Brdf;
-use csbrdf::importance::Importance;
 
 use super::seal::sealed;
 use super::{LIMITS, TIGHT, is_value, same_bits};

@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use std::path::Path;
 
 #[allow(dead_code)]
-#[path = "../../../src/bin/csbrdf/sets/manifest.rs"]
+#[path = "../../../tools/cli/src/sets/manifest.rs"]
 mod sets;
 
 use sets::{Manifest, Refused};

@@ -1,7 +1,7 @@
 //! MERL tables of arbitrary bytes. A table has 35 MB: an input stands for one where its thirteenth byte says so, its last bytes
 //! repeated to the length that the header asks for, or nearly.
 
-use csbrdf::table::merl::{read_merl, write_merl, write_merl_values};
+use csbrdf::io::merl::{read_merl, write_merl, write_merl_values};
 
 const HEADER: usize = 12;
 

@@ -1,7 +1,7 @@
 //! Opening arbitrary bytes: header sections, index, metadata, and what can be asked without touching a block.
 
+use csbrdf::brdf::eval::Brdf;
 use csbrdf::decode::Reader;
-use csbrdf::eval::Brdf;
 
 use super::seal::sealed;
 

@@ -2,10 +2,10 @@
 //! blocks and channels the bits that they had. The first byte chooses the file, two channels (upper six bits of the first, 0 for all)
 //! and detail, the others the blocks that are looked at.
 
+use csbrdf::base::error::Error;
+use csbrdf::brdf::touched::Touched;
 use csbrdf::decode::{Pruned, Reader};
-use csbrdf::error::Error;
-use csbrdf::prune::Pruner;
-use csbrdf::touched::Touched;
+use csbrdf::edit::prune::Pruner;
 
 use super::golden::chosen;
 use super::{is_value, same_bits};

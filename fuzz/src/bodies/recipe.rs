@@ -1,8 +1,8 @@
 //! A golden file with some of its fields changed, by a recipe of a few bytes: lengths, index and checksums agree again afterwards, so that
 //! a reader gets as far as the change. The first byte chooses the file, six bytes a change follow.
 
+use csbrdf::codec::sample::SplitMix64;
 use csbrdf::decode::Reader;
-use csbrdf::sample::SplitMix64;
 
 use super::fields::{Field, Kind, fields};
 use super::golden::chosen;

@@ -6,12 +6,12 @@
 use std::ops::Range;
 use std::sync::OnceLock;
 
+use csbrdf::base::error::Error;
+use csbrdf::codec::sample::SplitMix64;
 use csbrdf::decode::{Pruned, Reader};
-use csbrdf::error::Error;
+use csbrdf::edit::salvage::{Damage, Outcome, Salvaged, repair, salvage_with_limits};
 use csbrdf::format::Limits;
 use csbrdf::format::metadata::Metadata;
-use csbrdf::salvage::{Damage, Outcome, Salvaged, repair, salvage_with_limits};
-use csbrdf::sample::SplitMix64;
 
 use super::golden::GOLDEN;
 use super::salvage::told;
@@ -235,8 +235,8 @@ fn described(original: &Original, salvaged: &Salvaged) {
 fn means(original: &Reader<&[u8]>) -> Option<Vec<Vec<f32>>> {
     let index = original.directory().sections().iter().find(|s| s.name() == "INDX").expect("it was opened");
     let trace = format!("csbrdf trace 1\nblocks {} index {:08x}\n", original.block_count(), index.crc);
-    let touched = csbrdf::touched::Touched::from_text(&trace).ok()?;
-    let pruned = csbrdf::prune::Pruner::new().blocks(&touched).prune(original).ok()?;
+    let touched = csbrdf::brdf::touched::Touched::from_text(&trace).ok()?;
+    let pruned = csbrdf::edit::prune::Pruner::new().blocks(&touched).prune(original).ok()?;
     let means = Reader::open(&pruned.bytes[..]).expect("what prune makes opens").with_pruned(Pruned::Coarse);
     Some((0..means.block_count()).map(|block| of_block(&means, block).expect("a mean")).collect())
 }

@@ -3,7 +3,7 @@
 
 #[cfg(feature = "cli")]
 use csbrdf::decode::Reader;
-use csbrdf::salvage::{Salvaged, salvage_with_limits};
+use csbrdf::edit::salvage::{Salvaged, salvage_with_limits};
 
 use super::seal::seal;
 use super::{LIMITS, is_value};
@@ -92,7 +92,7 @@ fn left(salvaged: &Salvaged) {
 /// What is written of it is a file, and nothing more is lost.
 #[cfg(feature = "cli")]
 fn repaired(file: &[u8], salvaged: &Salvaged) {
-    let Ok(repaired) = csbrdf::salvage::repair(file, LIMITS) else { return };
+    let Ok(repaired) = csbrdf::edit::salvage::repair(file, LIMITS) else { return };
     let again = Reader::open_with_limits(&repaired.bytes[..], LIMITS).expect("a repaired file");
     assert_eq!(again.block_count(), salvaged.reader().block_count());
     let second = salvage_with_limits(&repaired.bytes, LIMITS).expect("a repaired file");

@@ -1,8 +1,8 @@
 //! Lists of measurements, CSV of arbitrary bytes: read or refused with a line. The first byte chooses the grid.
 
-use csbrdf::error::Error;
-use csbrdf::grid::{Grid, MERL_SCALE};
-use csbrdf::table::samples::{LARGEST, read_samples};
+use csbrdf::base::error::Error;
+use csbrdf::io::samples::{LARGEST, read_samples};
+use csbrdf::table::grid::{Grid, MERL_SCALE};
 
 pub fn run(data: &[u8]) {
     let [grid, list @ ..] = data else { return };

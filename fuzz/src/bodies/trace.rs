@@ -1,6 +1,6 @@
 //! The text of a trace, from arbitrary bytes: read or refused; what was read comes back from its text.
 
-use csbrdf::touched::Touched;
+use csbrdf::brdf::touched::Touched;
 
 pub fn run(data: &[u8]) {
     let text = String::from_utf8_lossy(data);

@@ -2,24 +2,24 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use crate::block::{Block, Partition};
-use crate::channel::ChannelTransform;
-use crate::correct;
+use crate::codec::channel::ChannelTransform;
+use crate::codec::correct;
+use crate::codec::dependent::Quantization;
+use crate::codec::entropy::Walk;
+use crate::codec::fourier::Basis;
+use crate::codec::mask::MaskModel;
+use crate::codec::range::Encoder;
+use crate::codec::sample::Sampling;
+use crate::codec::zeros::code_zeros;
 use crate::decode::{CORRECTIONS, MASKS, ZEROS, contexts};
-use crate::dependent::Quantization;
-use crate::entropy::Walk;
 use crate::format::directory::{self, write_file};
 use crate::format::header::{Coding, write_coding, write_grid, write_partition};
 use crate::format::index::{Entry, write_index};
 use crate::format::probabilities::write_probabilities;
 use crate::format::profile::{CodedProfile, write_profile};
 use crate::format::record::{Record, ValidityClass};
-use crate::fourier::Basis;
-use crate::grid::{Axis, AxisName, Channel, Grid, Mapping};
-use crate::mask::MaskModel;
-use crate::range::Encoder;
-use crate::sample::Sampling;
-use crate::zeros::code_zeros;
+use crate::table::block::{Block, Partition};
+use crate::table::grid::{Axis, AxisName, Channel, Grid, Mapping};
 
 /// A file of one shape of blocks, all with the same coded bytes.
 #[derive(Clone)]

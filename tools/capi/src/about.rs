@@ -2,7 +2,7 @@
 
 use std::ffi::c_char;
 
-use codec::grid::{AxisName, Mapping};
+use codec::table::grid::{AxisName, Mapping};
 
 use super::boundary::{bytes, check_length, guard, invalid, shared, write, write_text};
 use super::{csbrdf_brdf, csbrdf_status};

@@ -2,7 +2,7 @@
 
 use std::ptr;
 
-use codec::importance::Importance;
+use codec::brdf::importance::Importance;
 
 use super::boundary::{Outcome, guard, invalid, shared, write};
 use super::{csbrdf_brdf, csbrdf_status};

@@ -12,11 +12,11 @@ use std::path::Path;
 use std::ptr;
 use std::sync::Arc;
 
-use codec::coords::Lookup;
+use codec::base::map::map_file;
+use codec::brdf::eval::Brdf;
 use codec::decode::{Pruned, Reader};
-use codec::eval::Brdf;
 use codec::format::Limits;
-use codec::map::map_file;
+use codec::table::coords::Lookup;
 
 // Programs use them, what includes this file as a module (the fuzz targets) may not.
 #[allow(unused_imports)]

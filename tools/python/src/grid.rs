@@ -1,6 +1,6 @@
 //! Axes and channels as Python sees them.
 
-use codec::grid::{Axis, Channel, Mapping};
+use codec::table::grid::{Axis, Channel, Mapping};
 use numpy::PyArray1;
 use pyo3::prelude::*;
 

@@ -1,6 +1,6 @@
 //! Directions drawn where a material reflects.
 
-use codec::importance::Importance;
+use codec::brdf::importance::Importance;
 use numpy::{PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 

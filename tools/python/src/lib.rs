@@ -10,12 +10,12 @@ mod many;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use codec::block::Block;
-use codec::coords::Lookup;
+use codec::base::map::map_file;
+use codec::brdf::eval::Brdf;
 use codec::decode::{Origin, Pruned, Reader};
-use codec::eval::Brdf;
 use codec::format::Limits;
-use codec::map::map_file;
+use codec::table::block::Block;
+use codec::table::coords::Lookup;
 use numpy::{Element, PyArrayDyn, PyArrayMethods};
 use pyo3::exceptions::{PyIndexError, PyValueError};
 use pyo3::prelude::*;

@@ -1,7 +1,7 @@
 //! Many look-ups and draws at once, on all cores where there are enough of them.
 
-use codec::eval::Brdf;
-use codec::importance::Importance;
+use codec::brdf::eval::Brdf;
+use codec::brdf::importance::Importance;
 use rayon::prelude::*;
 
 use crate::Bytes;

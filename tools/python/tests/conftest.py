@@ -18,8 +18,8 @@ def sums():
 
 @pytest.fixture(scope="session")
 def independent():
-    """tools/csbrdf_decode.py, written from the specification alone."""
-    spec = importlib.util.spec_from_file_location("csbrdf_decode", ROOT / "tools" / "csbrdf_decode.py")
+    """spec/decode.py, written from the specification alone."""
+    spec = importlib.util.spec_from_file_location("spec_decode", ROOT / "spec" / "decode.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

@@ -1,0 +1,223 @@
+//! Small deterministic renderers for pictures of materials and for render PSNR.
+//!
+//! [`trace`] renders scenes under any environment map by sampling. What follows is the quick one, for `compare`:
+//! a sphere of unit radius, seen from +z without perspective, under a fixed environment ([`light`]). Direct light only.
+//! Every pixel sums the same few hundred directions: some over the whole sphere for the sky, more over the two area
+//! lights, and the mirror images of the viewer in a fixed set of half vectors, dense around the normal as the bins of
+//! theta_h are, so that a narrow lobe sees a smooth environment. All are one quadrature: a direction weighs one over
+//! the summed density of the four sets (balance heuristic, Veach 1995). Nothing is random.
+
+pub mod environment;
+mod half;
+pub mod light;
+pub mod picture;
+pub mod scene;
+pub mod texels;
+pub mod trace;
+
+use std::f64::consts::PI;
+
+use crate::table::BrdfTable;
+use light::{GOLDEN_TURN, LIGHTS};
+pub use picture::{Image, channel_psnr, difference, psnr, write_png};
+pub use texels::Texels;
+
+/// Radius of the sphere over half the width of the picture.
+pub const RADIUS: f64 = 0.95;
+
+/// Directions over the whole sphere, for the sky.
+const SKY_SAMPLES: usize = 128;
+/// Half vectors around the normal, for narrow lobes.
+const HALF_SAMPLES: usize = 112;
+/// Pixels that are worked on together.
+const BATCH: usize = 1 << 14;
+
+/// Renders the sphere on `size` x `size` pixels.
+///
+/// `eval(wi, wo)` is the BRDF in 1/sr (red, green, blue) for unit directions above the horizon, in a frame whose z is
+/// the normal and whose x runs level along the sphere; isotropic BRDFs do not depend on the latter.
+pub fn render_sphere(size: usize, eval: impl Fn([f64; 3], [f64; 3]) -> [f32; 3]) -> Image {
+    let quadrature = Quadrature::new(light::radiance);
+    let mut rgb = vec![0.0; size * size * 3];
+    let mut points: Vec<Point> = Vec::with_capacity(BATCH);
+    for start in (0..size * size).step_by(BATCH) {
+        let pixels = start..(start + BATCH).min(size * size);
+        points.clear();
+        points.extend(pixels.filter_map(|pixel| Point::new(pixel, size)));
+        quadrature.reflect(&mut points, &eval, light::radiance);
+        for point in &points {
+            for k in 0..3 {
+                rgb[3 * point.pixel + k] = (point.sum[k] * point.coverage) as f32;
+            }
+        }
+    }
+    Image { width: size, height: size, rgb }
+}
+
+/// Renders the sphere with the values of a table, interpolated linearly.
+///
+/// Missing entries, other grids and other channels: as [`Texels`].
+pub fn sphere_of_table(table: &BrdfTable, size: usize) -> Image {
+    let texels = Texels::new(table);
+    render_sphere(size, |wi, wo| texels.eval(wi, wo))
+}
+
+/// The directions that every pixel sums.
+struct Quadrature {
+    /// Towards the sky and the lights.
+    fixed: Vec<Fixed>,
+    /// Half vectors in the frame of the surface.
+    half: Vec<[f64; 3]>,
+}
+
+/// A direction that is the same for all pixels.
+struct Fixed {
+    /// In the frame of the picture.
+    towards: [f64; 3],
+    /// What arrives from there.
+    radiance: [f64; 3],
+    /// Density of the sky's and the lights' sets there, per sr.
+    density: f64,
+}
+
+impl Quadrature {
+    fn new(radiance: impl Fn([f64; 3]) -> [f64; 3]) -> Quadrature {
+        let sky = light::whole_sphere(SKY_SAMPLES);
+        let lights = LIGHTS.iter().flat_map(|l| l.samples());
+        let fixed =
+            sky.chain(lights).map(|w| Fixed { towards: w, radiance: radiance(w), density: fixed_density(w) }).collect();
+        let half = (0..HALF_SAMPLES)
+            .map(|i| half::vector((i as f64 + 0.5) / HALF_SAMPLES as f64, GOLDEN_TURN * i as f64))
+            .collect();
+        Quadrature { fixed, half }
+    }
+
+    /// Adds to the sum of each point the light that it reflects towards the viewer; `radiance` as in
+    /// [`Quadrature::new`].
+    ///
+    /// All points take a direction before any takes the next: a direction's theta_d, or a half vector's theta_h, is
+    /// the same for all, so that the lookups in a table stay in one slice of it.
+    fn reflect(
+        &self,
+        points: &mut [Point],
+        eval: &impl Fn([f64; 3], [f64; 3]) -> [f32; 3],
+        radiance: impl Fn([f64; 3]) -> [f64; 3],
+    ) {
+        for fixed in &self.fixed {
+            for point in points.iter_mut() {
+                let wi = point.frame.map(|axis| dot(axis, fixed.towards));
+                if wi[2] > 0.0 {
+                    let density = fixed.density + HALF_SAMPLES as f64 * half::density_of(wi, point.wo);
+                    point.add(eval(wi, point.wo), fixed.radiance, wi[2] / density);
+                }
+            }
+        }
+        for &half in &self.half {
+            for point in points.iter_mut() {
+                let (wi, along) = half::reflect(half, point.wo);
+                if along > 0.0 && wi[2] > 0.0 {
+                    let towards = std::array::from_fn(|k| (0..3).map(|j| point.frame[j][k] * wi[j]).sum());
+                    let density = fixed_density(towards) + HALF_SAMPLES as f64 * half::density(half, along);
+                    point.add(eval(wi, point.wo), radiance(towards), wi[2] / density);
+                }
+            }
+        }
+    }
+}
+
+/// One pixel's point of the sphere.
+struct Point {
+    pixel: usize,
+    /// Share of the pixel that the sphere covers.
+    coverage: f64,
+    /// Tangent (level), bi-tangent and normal in the frame of the picture.
+    frame: [[f64; 3]; 3],
+    /// Towards the viewer, in the frame of the surface.
+    wo: [f64; 3],
+    /// Radiance towards the viewer.
+    sum: [f64; 3],
+}
+
+impl Point {
+    /// The point under the middle of a pixel (row-major index); `None` off the sphere.
+    fn new(pixel: usize, size: usize) -> Option<Point> {
+        let across = |i: usize| (2.0 * (i as f64 + 0.5) / size as f64 - 1.0) / RADIUS;
+        let (x, y) = (across(pixel % size), -across(pixel / size));
+        let r = x.hypot(y);
+        // The rim is blended into the black background over one pixel.
+        let coverage = ((1.0 - r) * RADIUS * size as f64 / 2.0 + 0.5).clamp(0.0, 1.0);
+        let shrink = if r > 0.999 { 0.999 / r } else { 1.0 };
+        let (x, y) = (x * shrink, y * shrink);
+        (coverage > 0.0).then(|| Point::with_normal(pixel, coverage, [x, y, (1.0 - x * x - y * y).sqrt()]))
+    }
+
+    fn with_normal(pixel: usize, coverage: f64, normal: [f64; 3]) -> Point {
+        let [x, y, z] = normal;
+        // Never zero: the normal leans towards the viewer.
+        let level = x.hypot(z);
+        let frame = [[z / level, 0.0, -x / level], [-x * y / level, level, -y * z / level], normal];
+        Point { pixel, coverage, frame, wo: frame.map(|axis| axis[2]), sum: [0.0; 3] }
+    }
+
+    fn add(&mut self, brdf: [f32; 3], radiance: [f64; 3], weight: f64) {
+        for k in 0..3 {
+            self.sum[k] += f64::from(brdf[k]) * radiance[k] * weight;
+        }
+    }
+}
+
+/// Directions per sr of the sky's and the lights' sets.
+fn fixed_density(towards: [f64; 3]) -> f64 {
+    SKY_SAMPLES as f64 / (4.0 * PI) + LIGHTS.iter().map(|l| l.density(towards)).sum::<f64>()
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::table::grid::{Axis, AxisName, Grid, Mapping};
+    use crate::table::synth::Recipe;
+
+    fn white(_: [f64; 3]) -> [f64; 3] {
+        [1.0; 3]
+    }
+
+    #[test]
+    fn a_white_surface_in_a_white_room_is_white() {
+        let quadrature = Quadrature::new(white);
+        for normal in [[0.0, 0.0, 1.0], [0.6, 0.0, 0.8], [-0.48, 0.64, 0.6], [0.0, -0.954, 0.3]] {
+            let mut points = [Point::with_normal(0, 1.0, normal)];
+            quadrature.reflect(&mut points, &|_, _| [1.0 / PI as f32; 3], white);
+            let out = points[0].sum;
+            assert!((out[0] - 1.0).abs() < 0.03, "{normal:?} {out:?}");
+        }
+    }
+
+    #[test]
+    fn pictures_are_of_the_table_and_repeat() {
+        let table = Recipe::named("satin-paint").unwrap().merl().unwrap();
+        let image = sphere_of_table(&table, 24);
+        assert_eq!(image, sphere_of_table(&table, 24));
+        assert!(image.rgb.iter().all(|v| v.is_finite() && *v >= 0.0));
+        // Red paint, lit all over its face, on black.
+        let centre = &image.rgb[(12 * 24 + 12) * 3..][..3];
+        assert!(centre[0] > 3.0 * centre[2] && centre[2] > 0.0, "{centre:?}");
+        assert_eq!(image.rgb[..3], [0.0; 3]);
+    }
+
+    #[test]
+    fn holes_are_bridged_and_unknown_axes_black() {
+        let satin = Recipe::named("satin-paint").unwrap();
+        let whole = sphere_of_table(&satin.merl().unwrap(), 24);
+        let holed = Recipe { holes: 0.02, ..satin }.merl().unwrap();
+        assert!(psnr(&whole, &sphere_of_table(&holed, 24)).unwrap() > 30.0);
+        let axis = Axis { name: AxisName::Other, len: 4, mapping: Mapping::Linear, start: 0.0, end: 1.0 };
+        let grid = Grid::new(vec![axis], Grid::rgb_channels([1.0; 3])).unwrap();
+        let table = BrdfTable::from_values(grid, vec![1.0; 12]).unwrap();
+        assert!(sphere_of_table(&table, 8).rgb.iter().all(|v| *v == 0.0));
+        assert!(sphere_of_table(&table, 0).rgb.is_empty());
+    }
+}

@@ -1,0 +1,11 @@
+//! The ground that all else stands on: errors, budgets, bits, portable elementary functions, vectors, maps of files.
+
+pub(crate) mod bits;
+pub(crate) mod budget;
+pub mod error;
+#[doc(hidden)]
+pub mod excerpt;
+#[cfg(feature = "mmap")]
+pub mod map;
+pub(crate) mod portable;
+pub(crate) mod simd;

@@ -1,0 +1,115 @@
+//! Inputs: a path or `-`, read to memory; tables in either format.
+
+use std::path::Path;
+use std::sync::OnceLock;
+
+use csbrdf::decode::{Pruned, Reader};
+use csbrdf::format::{Limits, MAGIC};
+use csbrdf::io::merl::read_merl;
+use csbrdf::table::BrdfTable;
+
+use crate::failure::{Failure, note};
+pub use crate::formats::expect_merl;
+use crate::formats::{Kind, TABLE};
+use crate::guard::Guard;
+use crate::source::{self, Source};
+
+/// The bytes of an input.
+pub enum Bytes {
+    /// Of a large file.
+    Map(memmap2::Mmap),
+    /// Of any other file, or a pipe.
+    Heap(Vec<u8>),
+}
+
+impl AsRef<[u8]> for Bytes {
+    fn as_ref(&self) -> &[u8] {
+        match self {
+            Bytes::Map(map) => map,
+            Bytes::Heap(bytes) => bytes,
+        }
+    }
+}
+
+/// True for `-`, standard input or output.
+pub fn is_dash(path: &Path) -> bool {
+    path.as_os_str() == "-"
+}
+
+/// What messages call a path.
+pub fn label(path: &Path) -> String {
+    if is_dash(path) { "standard input".into() } else { path.display().to_string() }
+}
+
+/// The bytes of a file or of standard input, of one of these kinds.
+pub fn read(path: &Path, kinds: &[Kind]) -> Result<Bytes, Failure> {
+    source::open(path)?.read(path, kinds)
+}
+
+/// The bytes of a regular file that is within its folder, as those of a set must be.
+pub fn read_within(path: &Path, kinds: &[Kind]) -> Result<Bytes, Failure> {
+    source::open_within(path)?.read(path, kinds)
+}
+
+/// The bytes of a regular file, which may be a link to one.
+pub fn read_regular(path: &Path, kinds: &[Kind]) -> Result<Bytes, Failure> {
+    let (file, length) = source::open_regular(path)?;
+    Source::Regular { file, length }.read(path, kinds)
+}
+
+/// What files may take, if --limit says so.
+static LIMITS: OnceLock<Limits> = OnceLock::new();
+
+/// Sets what files may take, once.
+pub fn set_limits(limits: Limits) {
+    let _ = LIMITS.set(limits);
+}
+
+/// What files may take.
+pub fn limits() -> Limits {
+    LIMITS.get().copied().unwrap_or_default()
+}
+
+/// A reader of a csbrdf file's bytes. All that a command asks of a file comes out of one budget.
+pub fn reader<D: AsRef<[u8]>>(bytes: D) -> csbrdf::Result<Reader<D>> {
+    Ok(Reader::open_with_limits(bytes, limits())?.with_one_budget())
+}
+
+/// Opens a csbrdf file.
+pub fn open(path: &Path) -> Result<Reader<Bytes>, Failure> {
+    reader(read(path, &[Kind::Csbrdf])?).map_err(|e| Failure::in_file(path, &e))
+}
+
+/// Says of a file that was written that others read it only if they are told to.
+pub fn note_needed_limit(file: impl std::fmt::Display, values: usize) {
+    if values > Limits::default().table_values {
+        let most = Limits::default().table_values;
+        note(&format!("{file}: {values} values; readers take {most} by default, this one with --limit {values}"));
+    }
+}
+
+/// What to make of blocks that were pruned.
+pub fn pruned(coarse: bool) -> Pruned {
+    if coarse { Pruned::Coarse } else { Pruned::Refuse }
+}
+
+/// The table in a file of either format, told apart by its first bytes; what the metadata of a csbrdf file name as its source is
+/// guarded.
+pub fn table(path: &Path, guard: &mut Guard) -> Result<BrdfTable, Failure> {
+    let bytes = read(path, TABLE)?;
+    if !bytes.as_ref().starts_with(&MAGIC) {
+        return table_of(path, bytes);
+    }
+    let reader = reader(bytes).map_err(|e| Failure::in_file(path, &e))?;
+    *guard = std::mem::take(guard).source_of(path, &reader);
+    reader.decode_table().map_err(|e| Failure::in_file(path, &e))
+}
+
+/// The table in the bytes of a file of either format.
+pub fn table_of(path: &Path, bytes: Bytes) -> Result<BrdfTable, Failure> {
+    if !bytes.as_ref().starts_with(&MAGIC) {
+        expect_merl(path, bytes.as_ref())?;
+        return read_merl(bytes.as_ref()).map_err(|e| Failure::in_file(path, &e));
+    }
+    reader(bytes).and_then(|reader| reader.decode_table()).map_err(|e| Failure::in_file(path, &e))
+}
