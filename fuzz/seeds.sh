@@ -81,11 +81,11 @@ printf '0r,g,b,theta_h_deg,theta_d_deg,phi_d_deg\n1,2,3,10,20,30\n-1,2,3,1,1,1\n
 printf '0R,G,B,wi_x,wi_y,wi_z,wo_x,wo_y,wo_z,note\n1,2,3,0.1,0,0.9,-0.3,0.2,0.8,x\n' >corpus/samples/vectors
 printf '0r,g,b,theta_i_deg,phi_i_deg,theta_o_deg,phi_o_deg\n1,2,3,30,0,35,180\n"1",2,3,0,0,0,0\n' >corpus/samples/instrument
 
-# The command lines of README.
+# The command lines of README and the guide, those after a prompt too.
 number=0
-grep -oE '^ {4}csbrdf [^#;]*' ../README.md | while read -r _ words; do
+grep -ohE '^(\$ )?csbrdf [^#;|>]*' ../README.md ../docs/guide/*.md | sed 's/^\$ //' | sort -u | while read -r _ words; do
     number=$((number + 1))
-    tr ' ' '\n' <<<"$words" >"corpus/args/readme-$number"
+    tr ' ' '\n' <<<"$words" >"corpus/args/guide-$number"
 done
 
 cp "$golden"/set/manifest.json corpus/manifest/golden
