@@ -136,10 +136,11 @@ fn one_flipped_bit_is_restored_or_named() {
         }
     }
     let share = |name: &str| tried[name][1] as f64 / tried[name][0] as f64;
-    for (name, least) in [("frame", 1.0), ("GRID", 1.0), ("CODE", 1.0), ("PART", 1.0), ("PROB", 1.0), ("INDX", 0.5)] {
+    for (name, least) in [("frame", 1.0), ("GRID", 1.0), ("CODE", 1.0), ("PART", 1.0), ("INDX", 0.5)] {
         assert!(share(name) >= least, "{name}: {:?}", tried[name]);
     }
-    // Nothing else vouches for a text or a profile.
+    // PROB is long: its checksum and records prove 28 bits or so, so its guess is right, but a guess. Nothing else vouches for a text or a profile.
+    assert_eq!(share("PROB"), 0.0);
     assert_eq!((share("META"), share("RECS")), (0.0, 0.0));
 }
 

@@ -15,7 +15,7 @@
 //! - **One bit of another section**: the bits of it that nothing else vouches for, u of them, are where a wrong mend can hide: what it
 //!   leaves wrong has a sum of zero, so it does not fit into 32 neighbouring bits ([`of_one_bit`] gives 32 then), and of others one in 2^32 / u
 //!   is taken for one bit. What vouches for a field: that its value is the usual one of few ([`usual`](super::usual)), that records decode with
-//!   it, or checksums of what it says.
+//!   it, or checksums of what it says. Records prove 8 bits at most: many do not use what is wrong.
 //! - **One bit of the section table**: the checksum and the length of the section whose entry it is, or the one value that a field can have.
 
 /// Bits of evidence from which on a mend is said to be certain.
