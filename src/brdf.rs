@@ -105,7 +105,7 @@ impl Brdf {
         self.reader
     }
 
-    /// The blocks that were looked at so far; [`crate::brdf::touched`] says what for.
+    /// The blocks that were looked at so far; [`Touched`] says what for.
     pub fn touched(&self) -> Touched {
         let bit = |b: usize| self.touched[b / 64].load(Ordering::Relaxed) >> (b % 64) & 1 == 1;
         Touched::new((0..self.reader.block_count()).map(bit).collect(), self.reader.index_crc())

@@ -72,7 +72,8 @@ pub enum State {
 
 #[cfg(feature = "mmap")]
 impl Reader {
-    /// Maps and opens a file. See [`crate::base::map::map_file`] on files that others change.
+    /// Maps and opens a file. It may be replaced by renaming another over it, but must not be written to or truncated while it is open: a
+    /// program that reads a map of it then gets other values, or ends.
     ///
     /// # Errors
     /// As [`Reader::open`], naming the file.
@@ -312,8 +313,8 @@ impl<D: AsRef<[u8]>> Reader<D> {
     /// Provenance and encoder report; empty if the file has none. Takes some tens of megabytes at most, whatever is in the file.
     ///
     /// # Errors
-    /// `Corrupt` if the section is damaged, `LimitExceeded` if it holds more than [`crate::format::MAX_METADATA`] bytes or
-    /// [`crate::format::MAX_METADATA_OBJECTS`] objects and lists.
+    /// `Corrupt` if the section is damaged, `LimitExceeded` if it holds more than 2^20 bytes or
+    /// 2^14 objects and lists.
     #[cfg(feature = "metadata")]
     pub fn metadata(&self) -> Result<Metadata> {
         match self.directory.find(directory::METADATA) {

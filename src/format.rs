@@ -110,7 +110,7 @@ pub struct Limits {
     /// the threads' shares, and the buffers of as many blocks as threads work on: no more of them than `bytes` has room for. It takes
     /// up to some 1 us of a processor a value (a hostile file with long blocks; 20 ns is usual), whatever `operations` says.
     pub table_values: usize,
-    /// Most values of one block, at most [`MAX_BLOCK_VALUES`], and of a table of the profile. Rebuilding one takes 4 bytes a value for
+    /// Most values of one block, at most 2^24, and of a table of the profile. Rebuilding one takes 4 bytes a value for
     /// the logarithms (8 with three channels that are mixed), 1 each for a mask by channel and for exact zeros, 5 for corrections, 8 to
     /// 16 for each coefficient that is not zero, and at most 200 bytes a position beside. These are counted to `bytes`.
     pub block_values: usize,
@@ -122,12 +122,12 @@ pub struct Limits {
     /// Most bytes of memory that one call on a file may take beside its result and the caller's buffers, besides 16 for each byte of
     /// the file. The evaluator's cache goes by
     /// [`BrdfOptions::cache_bytes`](crate::BrdfOptions::cache_bytes), the table that is decoded by `table_values`, and the metadata by
-    /// [`MAX_METADATA`] instead.
+    /// the format's 2^20 instead.
     pub bytes: u64,
 }
 
 impl Default for Limits {
-    /// 2^28 values a table, [`MAX_BLOCK_VALUES`] a block, 10^9 operations, 2^28 bytes.
+    /// 2^28 values a table, 2^24 a block, 10^9 operations, 2^28 bytes.
     fn default() -> Self {
         Limits { table_values: 1 << 28, block_values: MAX_BLOCK_VALUES, operations: 1_000_000_000, bytes: 1 << 28 }
     }

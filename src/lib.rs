@@ -48,7 +48,7 @@
 //! The reader alone (`default-features = false`) needs byteorder and crc32fast. `mmap` maps files, `parallel`
 //! decodes whole tables on all cores, `metadata` reads provenance (serde, zstd); `encode` adds the encoder with the
 //! l1 solver, metrics and pictures; `cli` (default) the tool.
-#![cfg_attr(not(feature = "encode"), allow(dead_code))]
+#![cfg_attr(not(all(feature = "encode", feature = "unstable")), allow(dead_code))]
 // What reads files gives an error for any bytes; where it could panic by intent, the place says why it does not.
 #![cfg_attr(
     not(any(test, feature = "encode")),
@@ -62,21 +62,59 @@
     )
 )]
 
+/// Modules that are public with the feature `unstable` alone.
+macro_rules! inside {
+    ($(mod $name:ident;)*) => { $(
+        #[cfg(feature = "unstable")]
+        #[doc(hidden)]
+        pub mod $name;
+        #[cfg(not(feature = "unstable"))]
+        mod $name;
+    )* };
+}
+
 pub mod assess;
-pub mod base;
-pub mod brdf;
-pub mod codec;
-pub mod decode;
 pub mod edit;
 #[cfg(feature = "encode")]
-pub mod encode;
-pub mod format;
 pub mod io;
-pub mod table;
+
+/// Where blocks lie, and what a file says of them.
+pub mod block {
+    pub use crate::decode::{BlockInfo, Origin, Scratch, State};
+    pub use crate::table::block::{Block, Partition};
+}
+
+// What the tool, the bindings and the measuring programs need of the inside: no promise is made of it.
+inside! {
+    mod base;
+    mod brdf;
+    mod codec;
+    mod decode;
+    mod format;
+    mod table;
+}
+#[cfg(feature = "encode")]
+inside! {
+    mod encode;
+}
+#[cfg(not(feature = "encode"))]
+mod io;
 
 pub use base::bytes::Bytes;
 pub use base::error::{Error, Result};
+pub use brdf::importance::{Importance, Sample};
+pub use brdf::touched::Touched;
 pub use brdf::{Brdf, BrdfOptions};
 pub use decode::{PrunedPolicy, Reader};
+#[cfg(feature = "encode")]
+pub use encode::contract::Contract;
+#[cfg(feature = "encode")]
+pub use encode::{Effort, Encoded, Encoder, Preset, Report};
 pub use format::Limits;
+#[cfg(feature = "metadata")]
+pub use format::metadata::Metadata;
 pub use table::Table;
+pub use table::coords::Lookup;
+pub use table::grid::{Axis, AxisName, Channel, Grid, Mapping};
+#[cfg(feature = "encode")]
+pub use table::synth;

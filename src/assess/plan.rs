@@ -2,7 +2,7 @@
 //!
 //! The draw is the encoder's (spec section 4.3): the same seed, ratio and block shape on a table whose valid entries
 //! are [`measurable`] gives the same positions. All angles are in radians, all directions unit vectors as in
-//! [`crate::table::coords`].
+//! [`Brdf::eval`](crate::Brdf::eval).
 
 use crate::base::error::{Error, Result};
 use crate::codec::sample::{Sampling, block_seed, sample_positions};

@@ -72,7 +72,7 @@ impl<'a> Pruner<'a> {
     /// # Errors
     /// `InvalidArgument` if the trace is of another file, the file of a draft before 4, or `detail` not a finite number from 0 on or not
     /// possible: corrections (a contract on the largest error) need all coefficients. Likewise if there are no such channels, one is named
-    /// twice, or the file mixes them with others (a matrix of [`ChannelTransform`](crate::codec::channel::ChannelTransform)): no file with fewer
+    /// twice, or the file mixes them with others (a matrix of spec section 3.3): no file with fewer
     /// components gives the same bits. `Corrupt` if the file is damaged.
     pub fn prune<D: AsRef<[u8]>>(&self, reader: &Reader<D>) -> Result<PrunedFile> {
         let bad = |what: &str| Err(Error::InvalidArgument(what.into()));

@@ -7,7 +7,7 @@ use crate::table::grid::Grid;
 /// The colours of a table side by side, in 1/sr: a lookup touches a third of the memory that it does in planes.
 ///
 /// Missing entries are left out of the interpolation and the weights of the others raised; where all are missing, and
-/// on grids whose axes [`grid_coordinates`] does not know, nothing is reflected. Channels named R, G, B give the
+/// on grids whose axes are no angles of directions, nothing is reflected. Channels named R, G, B give the
 /// colours; of others those nearest to 610, 550 and 465 nm, or else the first, the middle and the last.
 #[derive(Clone, Debug)]
 pub struct Texels {
