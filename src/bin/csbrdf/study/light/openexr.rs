@@ -67,6 +67,8 @@ pub fn read(from: impl BufRead + Seek) -> Result<Map, Refused> {
 mod tests {
     use std::io::Cursor;
 
+    use exr::image::write::channels::WritableChannels;
+    use exr::image::write::layers::WritableLayers;
     use exr::prelude::*;
 
     use super::{is_of, read};
@@ -96,15 +98,10 @@ mod tests {
 
     #[test]
     fn pictures_read_back() {
-        let expected: Vec<_> =
-            (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| texel(Vec2(x, y)))).collect();
-        for compression in [
-            Compression::Uncompressed,
-            Compression::RLE,
-            Compression::ZIP1,
-            Compression::ZIP16,
-            Compression::PIZ,
-        ] {
+        let expected: Vec<_> = (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| texel(Vec2(x, y)))).collect();
+        for compression in
+            [Compression::Uncompressed, Compression::RLE, Compression::ZIP1, Compression::ZIP16, Compression::PIZ]
+        {
             let file = file(&Image::from_layer(layer(compression)));
             assert!(is_of(&file) && !is_of(&file[1..]));
             let map = map_of(&file).unwrap();

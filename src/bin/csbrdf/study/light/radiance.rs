@@ -120,7 +120,9 @@ fn read_plain(from: &mut impl Read, first: Rgbe, row: &mut [Rgbe]) -> Result<(),
     let (mut at, mut shift, mut texel) = (0, 0, first);
     while at < row.len() {
         if texel[..3] == [1, 1, 1] {
-            let Some(before) = at.checked_sub(1).map(|i| row[i]) else { return malformed("a row begins with a run".into()) };
+            let Some(before) = at.checked_sub(1).map(|i| row[i]) else {
+                return malformed("a row begins with a run".into());
+            };
             let count = usize::from(texel[3]).checked_shl(shift).filter(|_| shift < 32).unwrap_or(usize::MAX);
             let Some(run) = row.get_mut(at..at.saturating_add(count)) else { return too_long(row.len()) };
             run.fill(before);
@@ -145,7 +147,8 @@ mod tests {
     use super::*;
 
     fn file(width: usize, height: usize, rows: &[u8]) -> Vec<u8> {
-        let mut file = format!("#?RADIANCE\n# by hand\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n").into_bytes();
+        let mut file =
+            format!("#?RADIANCE\n# by hand\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n").into_bytes();
         file.extend(rows);
         file
     }
