@@ -1,30 +1,30 @@
 //! `csbrdf demo`: the whole way on a synthetic material, with figures and a picture; needs no data.
 
+mod board;
+
 use std::fmt::Write;
 use std::time::Instant;
 
 use csbrdf::assess::metrics::compare;
 use csbrdf::assess::render::{psnr, sphere_of_table};
-use csbrdf::brdf::Brdf;
 use csbrdf::decode::Reader;
 use csbrdf::encode::Encoder;
-use csbrdf::table::Table;
 use csbrdf::table::synth::Recipe;
 
 use crate::args::DemoArgs;
 use crate::failure::{Failure, Outcome};
 use crate::guard::Guard;
 use crate::output::{Target, print};
-use crate::picture::Picture;
 use crate::stdout::{self, print_as_is};
 use crate::text::{clean, grouped};
+use board::Board;
 
 const MATERIAL: &str = "pearl";
 const PICTURE: &str = "csbrdf-demo.png";
 
-/// Pixels across each sphere: in the file, and in the preview on the terminal.
-const SIZE: usize = 128;
-const PREVIEW: usize = 26;
+/// Pixels across each ball, and of the picture for one in the preview on the terminal.
+const SIZE: usize = 256;
+const SHRINK: usize = 10;
 
 pub fn run(args: &DemoArgs) -> Outcome {
     let folder = args.out.clone().unwrap_or_else(std::env::temp_dir);
@@ -41,9 +41,7 @@ pub fn run(args: &DemoArgs) -> Outcome {
     let shape = table.grid().axes().iter().map(|a| a.len.to_string()).collect::<Vec<_>>().join(" x ");
     let source = 8 * table.values().len() + 12;
     print(&format!(
-        "A synthetic material, \"{MATERIAL}\": {shape} bins x RGB, {} MB as a MERL file;\n\
-         noise 0.003, {} of {} entries missing or below the horizon.\n\n",
-        source / 1_000_000,
+        "A synthetic material, \"{MATERIAL}\": {shape} bins x RGB, {} of {} entries missing or below the horizon.\n\n",
         grouped(table.values().len() - table.valid_count()),
         grouped(table.values().len())
     ))?;
@@ -67,7 +65,12 @@ pub fn run(args: &DemoArgs) -> Outcome {
     drop(all);
     let decoded = reader.decode_table().map_err(failed)?;
     let comparison = compare(&table, &decoded).map_err(failed)?;
-    let (quality, picture) = pictures(&table, &decoded, SIZE).map_err(failed)?;
+    let (original, seen) = rayon::join(|| sphere_of_table(&table, SIZE), || sphere_of_table(&decoded, SIZE));
+    let quality = psnr(&original, &seen).map_err(failed)?;
+    let ratio = format!("{:.0}:1", source as f64 / bytes.len() as f64);
+    let sizes = [source, bytes.len()].map(|n| format!("{} bytes", grouped(n)));
+    let captions = [[&*sizes[0], &*format!("{shape} x rgb")], [&*sizes[1], &*ratio]];
+    let board = Board::new(&original, &seen, captions);
 
     let mut text = String::new();
     let mut row = |name: &str, value: String| {
@@ -75,35 +78,36 @@ pub fn run(args: &DemoArgs) -> Outcome {
     };
     row("MERL table, bytes", grouped(source));
     row("csbrdf file, bytes", grouped(bytes.len()));
-    row("ratio", format!("{:.0}:1", source as f64 / bytes.len() as f64));
+    row("ratio", ratio);
     row("log error, rms", format!("{:.4}", comparison.overall.log_rms));
     row("log error, largest", format!("{:.4}", comparison.overall.log_max));
     row("render PSNR", format!("{quality:.1} dB"));
     row("encode", format!("{encode:.2} s"));
     row("decode, whole table", format!("{:.0} ms", 1e3 * decode));
     row("open and decode one block", format!("{:.2} ms", 1e3 * first_block));
-    let brdf = Brdf::from_bytes(bytes.clone()).map_err(failed)?;
-    let _ = writeln!(text, "\n  {:<34} {:>9} {:>9} {:>9}", "BRDF in 1/sr, light at -45 degrees", "R", "G", "B");
-    for degrees in [15.0f64, 45.0, 75.0] {
-        let (sin, cos) = degrees.to_radians().sin_cos();
-        let side = std::f64::consts::FRAC_1_SQRT_2;
-        let [r, g, b] = brdf.eval([-side, 0.0, side], [sin, 0.0, cos]).map_err(failed)?;
-        let name = format!("view at {degrees} degrees");
-        let _ = writeln!(text, "  {name:<34} {r:>9.5} {g:>9.5} {b:>9.5}");
-    }
     print(&text)?;
 
-    picture.write(&target, &guard)?;
-    let mut text = String::from("\nReference, decoded, difference x 8 (black where equal):\n");
+    board.whole.write(&target, &guard)?;
+    let mut text = String::from("\nOriginal, decoded, and their difference in false colours:\n");
     if stdout::is_terminal() {
-        text.push_str(&pictures(&table, &decoded, PREVIEW).map_err(failed)?.1.half_blocks());
+        text.push_str(&board.balls.shrunk(SHRINK).half_blocks());
     }
-    let _ = writeln!(text, "{}", clean(&target.to_string()));
+    let _ = write!(text, "  {}\n\n{}", clean(&target.to_string()), next_steps());
     print_as_is(&text)
 }
 
-/// Render PSNR and the picture of two tables.
-fn pictures(reference: &Table, decoded: &Table, size: usize) -> csbrdf::Result<(f64, Picture)> {
-    let images = rayon::join(|| sphere_of_table(reference, size), || sphere_of_table(decoded, size));
-    Ok((psnr(&images.0, &images.1)?, Picture::comparison(&images.0, &images.1)?))
+/// What to try next, as it is called from where the demo was.
+fn next_steps() -> String {
+    // Cargo says so to what it runs.
+    let tool = if std::env::var_os("CARGO").is_some() { "cargo run --release --" } else { "csbrdf" };
+    let table = format!("{MATERIAL}.binary");
+    let file = format!("{MATERIAL}.csbrdf");
+    let steps = [
+        (format!("synth {MATERIAL} -o {table}"), "a table; or take one of MERL's"),
+        (format!("encode {table}"), &format!("-> {file}")),
+        (format!("info {file}"), "what is in it"),
+        (format!("eval {file} --angles 30,0,35,180"), "the BRDF of two directions, 1/sr"),
+    ];
+    let line = |(step, what): &(String, &str)| format!("  {tool} {step:<40} # {what}\n");
+    format!("Next:\n{}", steps.iter().map(line).collect::<String>())
 }

@@ -1,5 +1,7 @@
 //! Pictures of 8 bits that the subcommands write and show.
 
+pub mod font;
+
 use std::fmt::Write as _;
 
 use csbrdf::assess::render::{Image, difference, write_png};
@@ -28,7 +30,12 @@ impl Picture {
 
     /// A black picture.
     pub fn black(width: usize, height: usize) -> Picture {
-        Picture { width, height, rgb: vec![0; 3 * width * height] }
+        Picture::filled(width, height, [0; 3])
+    }
+
+    /// A picture of one colour.
+    pub fn filled(width: usize, height: usize, rgb: [u8; 3]) -> Picture {
+        Picture { width, height, rgb: rgb.repeat(width * height) }
     }
 
     /// A rendered picture.
@@ -45,6 +52,25 @@ impl Picture {
     /// Sets one pixel; `x` and `y` within the picture.
     pub fn set(&mut self, x: usize, y: usize, rgb: [u8; 3]) {
         self.rgb[3 * (y * self.width + x)..][..3].copy_from_slice(&rgb);
+    }
+
+    /// One pixel; `x` and `y` within the picture.
+    #[cfg(test)]
+    pub fn pixel(&self, x: usize, y: usize) -> [u8; 3] {
+        std::array::from_fn(|k| self.rgb[3 * (y * self.width + x) + k])
+    }
+
+    /// Writes a line of text, its upper left corner at `x`, `y`, `scale` pixels to one of the font; what hangs over is cut off.
+    pub fn write_text(&mut self, x: usize, y: usize, scale: usize, rgb: [u8; 3], text: &str) {
+        for (i, letter) in text.chars().enumerate() {
+            for at in 0..scale * font::ADVANCE * scale * font::HEIGHT {
+                let (across, down) = (at % (scale * font::ADVANCE), at / (scale * font::ADVANCE));
+                let (px, py) = (x + scale * font::ADVANCE * i + across, y + down);
+                if px < self.width && py < self.height && font::ink(letter, across / scale, down / scale) {
+                    self.set(px, py, rgb);
+                }
+            }
+        }
     }
 
     /// Puts another picture over this one, its upper left corner at `x`, `y`; what hangs over is cut off.
@@ -111,5 +137,15 @@ mod tests {
         let at = |p: &Picture, x: usize, y: usize| p.rgb[3 * (y * p.width + x)];
         assert_eq!((at(&large, 3, 1), at(&large, 2, 1), at(&large, 3, 2)), (200, 0, 0));
         assert_eq!(small.shrunk(2).rgb, [50, 25, 10]);
+        assert_eq!((small.pixel(1, 0), small.pixel(0, 1)), ([200, 100, 40], [0; 3]));
+    }
+
+    #[test]
+    fn text_is_drawn_within_the_picture() {
+        let mut picture = Picture::filled(20, 20, [9; 3]);
+        // The stem of an l, two pixels wide; the second letter hangs over.
+        picture.write_text(0, 0, 2, [255; 3], "ll");
+        picture.write_text(19, 19, 3, [255; 3], "8");
+        assert_eq!([2, 4, 5, 6, 16].map(|x| picture.pixel(x, 6)[0]), [9, 255, 255, 9, 255]);
     }
 }

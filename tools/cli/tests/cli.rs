@@ -555,6 +555,10 @@ fn the_demo_needs_nothing() {
     }
     assert!(!demo.text().contains('\u{1b}') && demo.stderr.is_empty());
     assert_eq!(names(folder.path()), ["csbrdf-demo.png"]);
+    // What to do next is said; the picture is three balls of 256 pixels and what is around them.
+    assert!(demo.text().contains("encode pearl.binary"), "{}", demo.text());
+    let picture = std::fs::read(folder.path().join("csbrdf-demo.png")).unwrap();
+    assert_eq!(u32::from_be_bytes(picture[16..20].try_into().unwrap()), 3 * 256 + 4 * 16);
 }
 
 #[test]

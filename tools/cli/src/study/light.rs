@@ -1,13 +1,51 @@
 //! The environment of the pictures, built in or from a file.
 
-use std::io::BufReader;
+mod openexr;
+mod radiance;
+
+use std::io::{BufRead, BufReader, ErrorKind};
 use std::path::Path;
 
 use csbrdf::assess::render::environment::Environment;
-use image::ImageReader;
 
 use crate::failure::Failure;
 use crate::source;
+
+/// Most bytes of a map in memory, three numbers of single precision a texel: more is refused before it is allocated.
+const MOST_BYTES: usize = 512 << 20;
+
+/// A picture of linear radiance, rows from the top.
+#[derive(Debug, PartialEq)]
+struct Map {
+    width: usize,
+    height: usize,
+    texels: Vec<[f32; 3]>,
+}
+
+/// Why a file gave no map.
+#[derive(Debug)]
+enum Refused {
+    Io(std::io::Error),
+    Malformed(String),
+    TooLarge(String),
+}
+
+impl From<std::io::Error> for Refused {
+    fn from(error: std::io::Error) -> Refused {
+        match error.kind() {
+            ErrorKind::UnexpectedEof => Refused::Malformed("ends in the middle of the picture".into()),
+            _ => Refused::Io(error),
+        }
+    }
+}
+
+/// The number of texels, if they may be allocated.
+fn texels(width: usize, height: usize) -> Result<usize, Refused> {
+    let most = MOST_BYTES / size_of::<[f32; 3]>();
+    width.checked_mul(height).filter(|n| *n <= most).ok_or_else(|| {
+        Refused::TooLarge(format!("has {width} x {height} texels, and at most {most} are read; give a smaller map"))
+    })
+}
 
 /// The environment and what to call it.
 pub fn environment(file: Option<&Path>) -> Result<(Environment, String), Failure> {
@@ -16,20 +54,22 @@ pub fn environment(file: Option<&Path>) -> Result<(Environment, String), Failure
     };
     let remedy = "give a latitude-longitude map as .hdr (Radiance) or .exr (OpenEXR)";
     let (opened, _) = source::open_regular(file)?;
-    let reader = ImageReader::new(BufReader::new(opened)).with_guessed_format();
-    let reader = reader.map_err(|e| Failure::io(file, &e))?;
-    if reader.format().is_none() {
+    let mut reader = BufReader::new(opened);
+    let head = reader.fill_buf().map_err(|e| Failure::io(file, &e))?;
+    let map = if radiance::is_of(head) {
+        radiance::read(reader)
+    } else if openexr::is_of(head) {
+        openexr::read(reader)
+    } else {
         return Err(Failure::bad_input(file, format!("is no picture of a known format; {remedy}")));
-    }
-    let picture = reader.decode().map_err(|e| match e {
-        image::ImageError::IoError(e) if e.kind() != std::io::ErrorKind::UnexpectedEof => Failure::io(file, &e),
-        image::ImageError::Limits(e) => Failure::unsupported(file, format!("{e}; give a smaller map")),
-        e => Failure::bad_input(file, format!("{e}; {remedy}")),
+    };
+    let map = map.map_err(|e| match e {
+        Refused::Io(e) => Failure::io(file, &e),
+        Refused::TooLarge(what) => Failure::unsupported(file, what),
+        Refused::Malformed(what) => Failure::bad_input(file, format!("{what}; {remedy}")),
     })?;
-    let map = picture.into_rgb32f();
-    let (width, height) = (map.width() as usize, map.height() as usize);
-    let texels = map.pixels().map(|p| p.0).collect();
-    let environment = Environment::new(width, height, texels).map_err(|e| Failure::bad_input(file, e))?;
+    let (width, height) = (map.width, map.height);
+    let environment = Environment::new(width, height, map.texels).map_err(|e| Failure::bad_input(file, e))?;
     let name = file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     Ok((environment, format!("{name}, {width} x {height}")))
 }
