@@ -23,7 +23,7 @@ With several inputs: the code of the first that failed.";
 /// output. No file is replaced without --force, no input and no table that an input was made from without --replace-source, and
 /// none appears under its name before it is complete.
 #[derive(Debug, Parser)]
-#[command(version, after_help = EXIT_CODES, subcommand_required = true, arg_required_else_help = true)]
+#[command(name = "csbrdf", version, after_help = EXIT_CODES, subcommand_required = true, arg_required_else_help = true)]
 pub struct Cli {
     /// What to do.
     #[command(subcommand)]
