@@ -9,9 +9,8 @@
 //!
 //! ```
 //! # #[cfg(feature = "encode")] {
-//! use csbrdf::decode::Reader;
-//! use csbrdf::encode::Encoder;
-//! use csbrdf::table::synth::Recipe;
+//! use csbrdf::synth::Recipe;
+//! use csbrdf::{Encoder, Reader};
 //!
 //! let table = Recipe::named("satin-paint").unwrap().merl()?;
 //! let encoded = Encoder::new().block_shape(&[15, 15, 15]).encode(&table)?;
@@ -31,7 +30,7 @@
 //!
 //! ```
 //! # #[cfg(feature = "encode")] {
-//! # use csbrdf::{encode::Encoder, table::grid::Grid, table::synth::Recipe};
+//! # use csbrdf::{Encoder, Grid, synth::Recipe};
 //! # let table = Recipe::named("matte").unwrap().merl()?;
 //! # let bytes = Encoder::new().block_shape(&[15, 15, 30]).encode(&table)?.bytes;
 //! use csbrdf::Brdf;
@@ -45,9 +44,9 @@
 //!
 //! # Features
 //!
-//! The reader alone (`default-features = false`) needs byteorder and crc32fast. `mmap` maps files, `parallel`
-//! decodes whole tables on all cores, `metadata` reads provenance (serde, zstd); `encode` adds the encoder with the
-//! l1 solver, metrics and pictures; `cli` (default) the tool.
+//! By default the reader and `mmap`, which maps files: eight small crates. `parallel` decodes whole tables on all cores, `metadata` reads
+//! provenance (serde, zstd), `encode` adds the encoder with the l1 solver, metrics and pictures. The tool is a package of its own,
+//! `tools/cli`. (`unstable` shows the inside to the packages of the repository; no promise is made of it.)
 #![cfg_attr(not(all(feature = "encode", feature = "unstable")), allow(dead_code))]
 // What reads files gives an error for any bytes; where it could panic by intent, the place says why it does not.
 #![cfg_attr(

@@ -1,6 +1,6 @@
 //! How long an encode may take for fewer bytes.
 
-/// What an encode of all valid entries tries. Bytes and seconds by tools/figures.py are in the README.
+/// What an encode of all valid entries tries. Bytes and seconds by tools/figures.py are in docs/results.md.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Effort {
     /// A few block shapes, holes filled in few steps.
