@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use crate::base::bits::ByteReader;
 use crate::base::error::{Error, Result};
-use crate::format::{END_MARKER, MAGIC, MAX_SECTIONS, reads_version};
+use crate::format::{END_MARKER, MAGIC, MAX_SECTIONS, is_compact, reads_version};
 
 /// Bytes before the section table.
 pub(crate) const PREAMBLE: usize = 32;
@@ -141,20 +141,30 @@ impl Directory {
         Ok(directory)
     }
 
-    /// Every known section at most once; unknown ones only if they may be skipped.
+    /// Names are ASCII and occur once; what is unknown may be skipped.
     pub(crate) fn check_names(&self) -> Result<()> {
         for (i, section) in self.sections.iter().enumerate() {
-            let at = (PREAMBLE + i * ENTRY) as u64;
-            if !KNOWN.iter().any(|name| name.as_bytes() == section.id) {
-                if !section.skippable {
-                    let what = format!("section {} is unknown and may not be skipped", section.name());
-                    return Err(Error::corrupt(DIRECTORY, at, what));
-                }
-            } else if self.sections[..i].iter().any(|other| other.id == section.id) {
-                return Err(Error::corrupt(DIRECTORY, at, format!("section {} occurs twice", section.name())));
+            let refuse = |what: &str| {
+                let place = (PREAMBLE + i * ENTRY) as u64;
+                Err(Error::corrupt(DIRECTORY, place, format!("section {} {what}", section.name())))
+            };
+            if !section.id.is_ascii() {
+                return refuse("has a name that is not ASCII");
+            }
+            if self.sections[..i].iter().any(|other| other.id == section.id) {
+                return refuse("occurs twice");
+            }
+            if !self.knows(section) && !section.skippable {
+                return refuse("is unknown and may not be skipped");
             }
         }
         Ok(())
+    }
+
+    /// Whether the specification of this version knows the section; EXCT came with draft 3 (A.2).
+    fn knows(&self, section: &Section) -> bool {
+        let known = KNOWN.iter().any(|name| name.as_bytes() == section.id);
+        known && (section.id != EXACT.as_bytes() || is_compact(self.version.2))
     }
 
     /// Major version, minor version, draft number.
@@ -337,7 +347,26 @@ mod tests {
         assert!(Directory::read(&write_file((1, 0, 4), &[("XTRA", true, vec![])])).is_ok());
         let refused = Directory::read(&write_file((1, 0, 4), &[("XTRA", false, vec![])])).unwrap_err();
         assert!(refused.to_string().contains("XTRA"));
-        assert!(Directory::read(&write_file((1, 0, 4), &[(GRID, false, vec![]), (GRID, false, vec![])])).is_err());
+    }
+
+    #[test]
+    fn names_are_ascii_and_occur_once() {
+        for name in [GRID, "XTRA"] {
+            let twice = write_file((1, 0, 4), &[(name, true, vec![]), (name, true, vec![])]);
+            assert!(Directory::read(&twice).unwrap_err().to_string().contains("occurs twice"), "{name}");
+        }
+        let foreign = Directory::read(&write_file((1, 0, 4), &[(b"X\xffRA", true, vec![])])).unwrap_err();
+        assert!(foreign.to_string().contains("not ASCII"), "{foreign}");
+    }
+
+    #[test]
+    fn the_lossless_layer_is_unknown_to_early_drafts() {
+        for draft in [0, 1, 2, 3, 5] {
+            let early = [1, 2].contains(&draft);
+            assert!(Directory::read(&write_file((1, 0, draft), &[(EXACT, true, vec![])])).is_ok(), "{draft}");
+            let needed = Directory::read(&write_file((1, 0, draft), &[(EXACT, false, vec![])]));
+            assert_eq!(needed.is_err(), early, "{draft}");
+        }
     }
 
     #[test]
