@@ -99,6 +99,9 @@ inside! {
 #[cfg(not(feature = "encode"))]
 mod io;
 
+#[cfg(all(doctest, feature = "encode"))]
+mod documents;
+
 pub use base::bytes::Bytes;
 pub use base::error::{Error, Result};
 pub use brdf::importance::{Importance, Sample};
