@@ -4,8 +4,8 @@ use std::cell::RefCell;
 
 use clap::{Command as Parser, CommandFactory, FromArgMatches};
 
-#[allow(dead_code)]
-#[path = "../../../tools/cli/src/args.rs"]
+#[allow(dead_code, unused_imports, reason = "only what reads a command line is used")]
+#[path = "../../../tools/cli/src/args/mod.rs"]
 mod cli;
 
 use cli::{Cli, Command};

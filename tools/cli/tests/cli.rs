@@ -136,14 +136,23 @@ fn npy(bytes: &[u8]) -> (Vec<usize>, Vec<f32>) {
 #[test]
 fn help_lists_subcommands_and_exit_codes() {
     let help = run(&["--help"]).expect(OK);
-    for subcommand in
-        ["encode", "plan", "decode", "info", "verify", "lint", "compare", "eval", "synth", "report", "demo"]
-    {
+    for subcommand in [
+        "encode", "plan", "decode", "info", "verify", "lint", "compare", "eval", "render", "prune", "repair", "synth",
+        "report", "demo", "study",
+    ] {
         assert!(help.text().contains(subcommand));
         let own = run(&[subcommand, "--help"]).expect(OK);
-        assert!(own.text().contains("Exit codes:") && own.text().contains("3  an input is damaged"));
+        assert!(own.text().contains("Examples:\n  csbrdf "), "{subcommand}");
+        // Once, in the tool's own help, which each summary names.
+        assert!(!own.text().contains("Exit codes:"), "{subcommand}");
+        assert!(run(&[subcommand, "-h"]).expect(OK).text().contains("exit codes: csbrdf --help"), "{subcommand}");
     }
-    assert!(help.text().contains("Exit codes:"));
+    assert!(help.text().contains("Exit codes:") && help.text().contains("3    an input is damaged"));
+    let encode = run(&["encode", "--help"]).expect(OK);
+    let groups =
+        ["How small or how good:", "What to keep:", "Recovery from samples:", "Output:", "Expert:", "Examples:"];
+    let places: Vec<_> = groups.iter().map(|group| encode.text().find(group).expect(group)).collect();
+    assert!(places.is_sorted(), "{places:?}");
     assert!(run(&["--version"]).expect(OK).text().starts_with("csbrdf "));
     // Without a subcommand: the help, as a usage error.
     assert!(run(&[]).expect(USAGE).stderr.contains("Usage:"));
