@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::assess::render::{psnr, sphere_of_table};
+use crate::assess::render::{psnr, spheres_of_tables};
 use crate::base::error::{Error, Result};
 use crate::codec::tone::tone_map;
 use crate::decode::Reader;
@@ -97,8 +97,8 @@ pub fn prove<D: AsRef<[u8]> + Sync>(original: &Table, reader: &Reader<D>) -> Res
     let stated = encoder.get("contract").and_then(Contract::from_json);
     if let Some((contract, achieved)) = stated {
         if matches!(contract, Contract::Psnr(_)) {
-            let images = rayon::join(|| sphere_of_table(original, PICTURE), || sphere_of_table(&decoded, PICTURE));
-            figures.psnr = Some(psnr(&images.0, &images.1)?);
+            let images = spheres_of_tables(original, &decoded, PICTURE);
+            figures.psnr = Some(psnr(&images[0], &images[1])?);
         }
         let (name, figure) = (contract.name(), contract.figure(&figures));
         if !contract.kept(&figures) {

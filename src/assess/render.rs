@@ -17,6 +17,8 @@ pub mod trace;
 
 use std::f64::consts::PI;
 
+use rayon::prelude::*;
+
 use crate::table::Table;
 use light::{GOLDEN_TURN, LIGHTS};
 pub use picture::{Image, channel_psnr, difference, psnr, write_png};
@@ -36,22 +38,36 @@ const BATCH: usize = 1 << 14;
 ///
 /// `eval(wi, wo)` is the BRDF in 1/sr (red, green, blue) for unit directions above the horizon, in a frame whose z is
 /// the normal and whose x runs level along the sphere; isotropic BRDFs do not depend on the latter.
-pub fn render_sphere(size: usize, eval: impl Fn([f64; 3], [f64; 3]) -> [f32; 3]) -> Image {
+pub fn render_sphere(size: usize, eval: impl Fn([f64; 3], [f64; 3]) -> [f32; 3] + Sync) -> Image {
+    let [image] = render_spheres(size, |wi, wo| [eval(wi, wo)]);
+    image
+}
+
+/// As [`render_sphere`], of several materials at once: what they share of a direction is computed once.
+fn render_spheres<const N: usize>(
+    size: usize,
+    eval: impl Fn([f64; 3], [f64; 3]) -> [[f32; 3]; N] + Sync,
+) -> [Image; N] {
     let quadrature = Quadrature::new(light::radiance);
-    let mut rgb = vec![0.0; size * size * 3];
-    let mut points: Vec<Point> = Vec::with_capacity(BATCH);
-    for start in (0..size * size).step_by(BATCH) {
-        let pixels = start..(start + BATCH).min(size * size);
-        points.clear();
-        points.extend(pixels.filter_map(|pixel| Point::new(pixel, size)));
-        quadrature.reflect(&mut points, &eval, light::radiance);
-        for point in &points {
+    let batches: Vec<Vec<Point<N>>> = (0..size * size)
+        .into_par_iter()
+        .step_by(BATCH)
+        .map(|start| {
+            let pixels = start..(start + BATCH).min(size * size);
+            let mut points: Vec<Point<N>> = pixels.filter_map(|pixel| Point::new(pixel, size)).collect();
+            quadrature.reflect(&mut points, &eval, light::radiance);
+            points
+        })
+        .collect();
+    std::array::from_fn(|n| {
+        let mut rgb = vec![0.0; size * size * 3];
+        for point in batches.iter().flatten() {
             for k in 0..3 {
-                rgb[3 * point.pixel + k] = (point.sum[k] * point.coverage) as f32;
+                rgb[3 * point.pixel + k] = (point.sums[n][k] * point.coverage) as f32;
             }
         }
-    }
-    Image { width: size, height: size, rgb }
+        Image { width: size, height: size, rgb }
+    })
 }
 
 /// Renders the sphere with the values of a table, interpolated linearly.
@@ -60,6 +76,17 @@ pub fn render_sphere(size: usize, eval: impl Fn([f64; 3], [f64; 3]) -> [f32; 3])
 pub fn sphere_of_table(table: &Table, size: usize) -> Image {
     let texels = Texels::new(table);
     render_sphere(size, |wi, wo| texels.eval(wi, wo))
+}
+
+/// As [`sphere_of_table`] of two tables, in less time where they have the same axes.
+pub fn spheres_of_tables(a: &Table, b: &Table, size: usize) -> [Image; 2] {
+    if a.grid().axes() != b.grid().axes() {
+        return [sphere_of_table(a, size), sphere_of_table(b, size)];
+    }
+    let texels = [Texels::new(a), Texels::new(b)];
+    render_spheres(size, |wi, wo| {
+        texels[0].taps(wi, wo).map_or([[0.0; 3]; 2], |taps| texels.each_ref().map(|texels| texels.mix(&taps)))
+    })
 }
 
 /// The directions that every pixel sums.
@@ -97,10 +124,10 @@ impl Quadrature {
     ///
     /// All points take a direction before any takes the next: a direction's theta_d, or a half vector's theta_h, is
     /// the same for all, so that the lookups in a table stay in one slice of it.
-    fn reflect(
+    fn reflect<const N: usize>(
         &self,
-        points: &mut [Point],
-        eval: &impl Fn([f64; 3], [f64; 3]) -> [f32; 3],
+        points: &mut [Point<N>],
+        eval: &impl Fn([f64; 3], [f64; 3]) -> [[f32; 3]; N],
         radiance: impl Fn([f64; 3]) -> [f64; 3],
     ) {
         for fixed in &self.fixed {
@@ -126,7 +153,7 @@ impl Quadrature {
 }
 
 /// One pixel's point of the sphere.
-struct Point {
+struct Point<const N: usize> {
     pixel: usize,
     /// Share of the pixel that the sphere covers.
     coverage: f64,
@@ -134,13 +161,13 @@ struct Point {
     frame: [[f64; 3]; 3],
     /// Towards the viewer, in the frame of the surface.
     wo: [f64; 3],
-    /// Radiance towards the viewer.
-    sum: [f64; 3],
+    /// Radiance towards the viewer, by material.
+    sums: [[f64; 3]; N],
 }
 
-impl Point {
+impl<const N: usize> Point<N> {
     /// The point under the middle of a pixel (row-major index); `None` off the sphere.
-    fn new(pixel: usize, size: usize) -> Option<Point> {
+    fn new(pixel: usize, size: usize) -> Option<Point<N>> {
         let across = |i: usize| (2.0 * (i as f64 + 0.5) / size as f64 - 1.0) / RADIUS;
         let (x, y) = (across(pixel % size), -across(pixel / size));
         let r = x.hypot(y);
@@ -151,17 +178,19 @@ impl Point {
         (coverage > 0.0).then(|| Point::with_normal(pixel, coverage, [x, y, (1.0 - x * x - y * y).sqrt()]))
     }
 
-    fn with_normal(pixel: usize, coverage: f64, normal: [f64; 3]) -> Point {
+    fn with_normal(pixel: usize, coverage: f64, normal: [f64; 3]) -> Point<N> {
         let [x, y, z] = normal;
         // Never zero: the normal leans towards the viewer.
         let level = x.hypot(z);
         let frame = [[z / level, 0.0, -x / level], [-x * y / level, level, -y * z / level], normal];
-        Point { pixel, coverage, frame, wo: frame.map(|axis| axis[2]), sum: [0.0; 3] }
+        Point { pixel, coverage, frame, wo: frame.map(|axis| axis[2]), sums: [[0.0; 3]; N] }
     }
 
-    fn add(&mut self, brdf: [f32; 3], radiance: [f64; 3], weight: f64) {
-        for k in 0..3 {
-            self.sum[k] += f64::from(brdf[k]) * radiance[k] * weight;
+    fn add(&mut self, brdfs: [[f32; 3]; N], radiance: [f64; 3], weight: f64) {
+        for (sum, brdf) in self.sums.iter_mut().zip(brdfs) {
+            for k in 0..3 {
+                sum[k] += f64::from(brdf[k]) * radiance[k] * weight;
+            }
         }
     }
 }
@@ -190,8 +219,8 @@ mod tests {
         let quadrature = Quadrature::new(white);
         for normal in [[0.0, 0.0, 1.0], [0.6, 0.0, 0.8], [-0.48, 0.64, 0.6], [0.0, -0.954, 0.3]] {
             let mut points = [Point::with_normal(0, 1.0, normal)];
-            quadrature.reflect(&mut points, &|_, _| [1.0 / PI as f32; 3], white);
-            let out = points[0].sum;
+            quadrature.reflect(&mut points, &|_, _| [[1.0 / PI as f32; 3]], white);
+            let [out] = points[0].sums;
             assert!((out[0] - 1.0).abs() < 0.03, "{normal:?} {out:?}");
         }
     }
@@ -201,6 +230,11 @@ mod tests {
         let table = Recipe::named("satin-paint").unwrap().merl().unwrap();
         let image = sphere_of_table(&table, 24);
         assert_eq!(image, sphere_of_table(&table, 24));
+        // Two at once are the same pictures.
+        let other = Recipe { holes: 0.1, ..Recipe::named("pearl").unwrap() }.merl().unwrap();
+        assert_eq!(spheres_of_tables(&table, &other, 24), [&table, &other].map(|table| sphere_of_table(table, 24)));
+        let finer = Recipe::named("matte").unwrap().synthesise(&Grid::merl_360()).unwrap();
+        assert_eq!(spheres_of_tables(&table, &finer, 8), [&table, &finer].map(|table| sphere_of_table(table, 8)));
         assert!(image.rgb.iter().all(|v| v.is_finite() && *v >= 0.0));
         // Red paint, lit all over its face, on black.
         let centre = &image.rgb[(12 * 24 + 12) * 3..][..3];

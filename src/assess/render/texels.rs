@@ -1,7 +1,7 @@
 //! A table as the renderers read it.
 
 use crate::table::Table;
-use crate::table::coords::{Lookup, grid_coordinates, taps};
+use crate::table::coords::{Lookup, Taps, grid_coordinates, taps};
 use crate::table::grid::Grid;
 
 /// The colours of a table side by side, in 1/sr: a lookup touches a third of the memory that it does in planes.
@@ -34,9 +34,18 @@ impl Texels {
 
     /// The BRDF in 1/sr, red, green, blue, interpolated linearly; `wi` and `wo` above the horizon, z along the normal.
     pub fn eval(&self, wi: [f64; 3], wo: [f64; 3]) -> [f32; 3] {
-        let Some(coordinates) = grid_coordinates(&self.grid, wi, wo) else { return [0.0; 3] };
+        self.taps(wi, wo).map_or([0.0; 3], |taps| self.mix(&taps))
+    }
+
+    /// The positions that a pair of directions lies between, and their weights.
+    pub(super) fn taps(&self, wi: [f64; 3], wo: [f64; 3]) -> Option<Taps> {
+        grid_coordinates(&self.grid, wi, wo).map(|coordinates| taps(&self.grid, coordinates, Lookup::Linear))
+    }
+
+    /// The colours at positions of this grid, by their weights.
+    pub(super) fn mix(&self, taps: &Taps) -> [f32; 3] {
         let (mut sums, mut weights) = ([0.0; 3], [0.0; 3]);
-        for &(position, weight) in taps(&self.grid, coordinates, Lookup::Linear).as_slice() {
+        for &(position, weight) in taps.as_slice() {
             for k in 0..3 {
                 let value = self.values[position][k];
                 if !value.is_nan() {

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use csbrdf::assess::metrics::{Comparison, Errors, compare_with_eps};
-use csbrdf::assess::render::{channel_psnr, psnr, sphere_of_table};
+use csbrdf::assess::render::{channel_psnr, psnr, spheres_of_tables};
 use serde_json::{Value, json};
 
 use crate::args::CompareArgs;
@@ -45,14 +45,14 @@ pub fn run(args: &CompareArgs, quiet: bool) -> Outcome {
     let size = usize::from(args.render);
     let mut render = None;
     if size > 0 {
-        let images = rayon::join(|| sphere_of_table(&reference, size), || sphere_of_table(&other, size));
+        let images = spheres_of_tables(&reference, &other, size);
         let mismatch = |e| Failure::in_file(&args.other, &e);
         render = Some(Render {
-            overall: psnr(&images.0, &images.1).map_err(mismatch)?,
-            channels: channel_psnr(&images.0, &images.1).map_err(mismatch)?,
+            overall: psnr(&images[0], &images[1]).map_err(mismatch)?,
+            channels: channel_psnr(&images[0], &images[1]).map_err(mismatch)?,
         });
         if let Some(target) = &png {
-            Picture::comparison(&images.0, &images.1).map_err(mismatch)?.write(target, &guard)?;
+            Picture::comparison(&images[0], &images[1]).map_err(mismatch)?.write(target, &guard)?;
             target.tell(None, quiet);
         }
     }

@@ -6,7 +6,7 @@ use std::fmt::Write;
 use std::time::Instant;
 
 use csbrdf::assess::metrics::compare;
-use csbrdf::assess::render::{psnr, sphere_of_table};
+use csbrdf::assess::render::{psnr, spheres_of_tables};
 use csbrdf::decode::Reader;
 use csbrdf::encode::Encoder;
 use csbrdf::table::synth::Recipe;
@@ -64,8 +64,9 @@ pub fn run(args: &DemoArgs) -> Outcome {
     let decode = start.elapsed().as_secs_f64();
     drop(all);
     let decoded = reader.decode_table().map_err(failed)?;
-    let comparison = compare(&table, &decoded).map_err(failed)?;
-    let (original, seen) = rayon::join(|| sphere_of_table(&table, SIZE), || sphere_of_table(&decoded, SIZE));
+    let (comparison, [original, seen]) =
+        rayon::join(|| compare(&table, &decoded), || spheres_of_tables(&table, &decoded, SIZE));
+    let comparison = comparison.map_err(failed)?;
     let quality = psnr(&original, &seen).map_err(failed)?;
     let ratio = format!("{:.0}:1", source as f64 / bytes.len() as f64);
     let sizes = [source, bytes.len()].map(|n| format!("{} bytes", grouped(n)));
