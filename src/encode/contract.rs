@@ -1,18 +1,8 @@
-//! What a file must keep, and the search for the quantiser step that keeps it at the least cost.
-//!
-//! A trial is one encode at one step; everything it says is measured on what the decoder gives. The file that a search
-//! settles on is decoded once more as a whole and compared with the table ([`crate::assess::proof`]) before it is given out.
+//! What a file must keep.
 
 use serde_json::{Value, json};
 
-use super::search::{Missed, least, nearest};
-use super::{Blocks, Encoded, Encoder, Trial};
-use crate::assess::proof::{PICTURE, prove};
-use crate::assess::render::{Image, psnr, sphere_of_table};
 use crate::base::error::{Error, Result};
-use crate::decode::Reader;
-use crate::format::STEP_RANGE;
-use crate::table::Table;
 
 /// What a file keeps, whatever the table.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,7 +14,7 @@ pub enum Contract {
     Rmse(f64),
     /// Render PSNR at least this, dB: of a lit sphere 128 pixels across, as [`crate::assess::render`] shows it.
     Psnr(f64),
-    /// At most so many bytes, and as good as fits.
+    /// At most this many bytes, and as good as fits.
     Size(u64),
     /// At most the bytes of the table in binary64 over this, and as good as fits.
     Ratio(f64),
@@ -74,7 +64,7 @@ impl Contract {
     }
 
     /// How far figures are beyond the contract, in nepers of error or bytes: kept up to 0.
-    fn excess(self, figures: &Figures) -> f64 {
+    pub(super) fn excess(self, figures: &Figures) -> f64 {
         let ratio = |x: f64| x.max(f64::MIN_POSITIVE).ln();
         let excess = match self {
             Contract::MaxError(_) | Contract::Rmse(_) | Contract::Size(_) => {
@@ -99,7 +89,7 @@ impl Contract {
     }
 
     /// As a sentence would name it.
-    fn phrase(self, x: f64) -> String {
+    pub(super) fn phrase(self, x: f64) -> String {
         match self {
             Contract::MaxError(_) => format!("a largest log error of {x:.4e}"),
             Contract::Rmse(_) => format!("a log rms error of {x:.4e}"),
@@ -140,122 +130,6 @@ impl Contract {
         }
         Ok(())
     }
-}
-
-/// How near a search comes to what was asked before it is content, in nepers: 2 % of an error or size, 0.2 dB.
-const TOLERANCE: f64 = 0.02;
-
-/// A step chosen anew for a partition if it is further than this from the one that the partition was chosen for.
-const FAR: f32 = 3.0;
-
-/// Encodes so that the contract is kept.
-pub(super) fn fulfil(
-    encoder: &Encoder,
-    contract: Contract,
-    table: &Table,
-    progress: &(dyn Fn(f64) + Sync),
-) -> Result<Encoded> {
-    let reference = match contract {
-        Contract::Psnr(_) => Some(sphere_of_table(table, PICTURE)),
-        _ => None,
-    };
-    // What does not depend on the step is done once.
-    let dense = encoder.dense(table, &encoder.choose_transform(table))?;
-    let mut done = 0;
-    let mut partition = None;
-    let mut trial = |step: f32| -> Result<(Encoded, f64)> {
-        let mut settings = Encoder { step, ..encoder.clone() };
-        if let Some((chosen, at)) = &partition {
-            let far = step / at;
-            if (1.0 / FAR..FAR).contains(&far) {
-                settings.blocks = Blocks::Partition(Clone::clone(chosen));
-            }
-        }
-        // The number of trials is not known: the first gets half, each further one half of the rest.
-        let (before, share) = (1.0 - 0.5f64.powi(done), 0.5f64.powi(done + 1));
-        let trial = settings.trial(table, dense.as_ref(), &|now| progress(before + share * now))?;
-        done += 1;
-        if !matches!(&settings.blocks, Blocks::Partition(_)) {
-            partition = Some((trial.partition.clone(), step));
-        }
-        let (encoded, figures) = measure(&settings, contract, trial, reference.as_ref())?;
-        Ok((encoded, contract.excess(&figures)))
-    };
-    let (steps, asked) = (STEP_RANGE, contract.asked());
-    let within = |step: f64| (step as f32).clamp(*steps.start(), *steps.end());
-    let found = match contract {
-        Contract::MaxError(_) => {
-            let mut size = |step| {
-                trial(step).map(|(encoded, _)| {
-                    let bytes = encoded.bytes.len() as f64;
-                    (encoded, bytes.ln())
-                })
-            };
-            least(within(FIRST_STEP * asked), &mut size)
-        }
-        // The rms error of a table with little noise is a tenth of the step.
-        Contract::Rmse(_) => nearest(within(11.0 * asked), 1.0, TOLERANCE, &mut trial),
-        Contract::Psnr(_) => nearest(encoder.step, 1.0, TOLERANCE, &mut trial),
-        Contract::Size(_) | Contract::Ratio(_) => nearest(encoder.step, -1.0, TOLERANCE, &mut trial),
-    };
-    let encoded = found.map_err(|missed| match missed {
-        Missed::Failed(error) => error,
-        Missed::Best { excess, step, trials } => {
-            let best = match contract {
-                Contract::Psnr(_) => asked - excess * 20.0 / std::f64::consts::LN_10,
-                Contract::Ratio(_) => asked * (-excess).exp(),
-                _ => asked * excess.exp(),
-            };
-            Error::ContractNotMet(format!(
-                "{} cannot be kept: the best of {trials} encodes reaches {}, at step {step}",
-                contract.phrase(asked),
-                contract.phrase(best)
-            ))
-        }
-    })?;
-    confirm(contract, table, &encoded)?;
-    progress(1.0);
-    Ok(encoded)
-}
-
-/// Step of the first trial in largest errors.
-const FIRST_STEP: f64 = 5.0;
-
-/// Finishes a trial and measures what its contract is about.
-fn measure(
-    settings: &Encoder,
-    contract: Contract,
-    trial: Trial,
-    reference: Option<&Image>,
-) -> Result<(Encoded, Figures)> {
-    let report = &trial.report;
-    let mut figures =
-        Figures { bytes: 0, entries: report.entries, log_rms: report.log_rms, log_max: report.log_max, psnr: None };
-    if let Some(reference) = reference {
-        let table = Reader::open(settings.finish(&trial, None)?)?.decode_table()?;
-        figures.psnr = Some(psnr(reference, &sphere_of_table(&table, PICTURE))?);
-    }
-    let achieved = match contract {
-        Contract::Size(_) | Contract::Ratio(_) => None,
-        _ => Some(contract.figure(&figures)).filter(|figure| figure.is_finite()),
-    };
-    let bytes = settings.finish(&trial, Some(contract.to_json(achieved)))?;
-    figures.bytes = bytes.len() as u64;
-    Ok((Encoded { bytes, report: trial.report }, figures))
-}
-
-/// The promise, checked on the finished bytes by the reader that users have.
-fn confirm(contract: Contract, table: &Table, encoded: &Encoded) -> Result<()> {
-    let reader = Reader::open(&encoded.bytes[..])?;
-    if let Some(damage) = reader.verify().into_iter().next() {
-        return Err(damage);
-    }
-    let proof = prove(table, &reader)?;
-    if proof.contract != Some(contract) || !proof.broken.is_empty() {
-        let what = proof.broken.first().cloned().unwrap_or_else(|| "the file does not state it".into());
-        return Err(Error::ContractNotMet(format!("{}: {what}", contract.phrase(contract.asked()))));
-    }
-    Ok(())
 }
 
 #[cfg(test)]

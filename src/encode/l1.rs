@@ -13,6 +13,7 @@ pub mod debias;
 mod descent;
 mod groups;
 pub mod norm;
+mod options;
 mod pareto;
 pub mod sampled;
 pub mod spgl1;

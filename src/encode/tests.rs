@@ -1,7 +1,9 @@
 //! The presets and settings on small tables.
 
 use super::*;
+use crate::codec::sample::Sampling;
 use crate::decode::Reader;
+use crate::table::block::Partition;
 use crate::table::grid::Grid;
 use crate::table::synth::Recipe;
 

@@ -12,7 +12,7 @@
 use super::Operator;
 use super::descent::{Descent, Moved, State};
 use super::groups::Groups;
-use super::spgl1::{Options, Stop};
+use super::options::{Options, Stop};
 use super::vector::{dot, scale};
 
 /// Newton steps follow when ||r||^2 changes by less than this fraction a step (spgl1's dec_tol) ...

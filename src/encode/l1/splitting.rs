@@ -17,7 +17,7 @@
 use super::Operator;
 use super::groups::{Groups, Relaxation};
 use super::pareto::{Outcome, relative_gap};
-use super::spgl1::Stop;
+use super::options::Stop;
 use super::vector::{dot, subtract_from};
 
 /// The unit of gamma is the largest dual magnitude at s = 0 times columns over rows, about that of the largest

@@ -8,22 +8,22 @@
 
 use rayon::prelude::*;
 
-use super::blocks::Quantized;
 use crate::base::error::Result;
 use crate::codec::dependent::Quantization;
 use crate::codec::entropy::Walk;
 use crate::codec::range::Counter;
 use crate::decode::CONTEXTS;
+use crate::encode::quantised::Quantized;
 use crate::table::block::Partition;
 
 /// Iterations of the solves of a trial: enough to rank shapes.
-pub(super) const ITERATIONS: usize = 10;
+pub(in crate::encode) const ITERATIONS: usize = 10;
 
 /// Bytes that each block costs in index and record besides its coefficients.
 const OVERHEAD: f64 = 13.0;
 
 /// Shapes to try for a table with `axes` axes, slowest axis first.
-pub(super) fn candidates(axes: usize) -> Vec<Vec<usize>> {
+pub(in crate::encode) fn candidates(axes: usize) -> Vec<Vec<usize>> {
     let listed: &[&[usize]] = match axes {
         1 => &[&[180], &[36]],
         2 => &[&[9, 36], &[9, 180]],
@@ -37,7 +37,7 @@ pub(super) fn candidates(axes: usize) -> Vec<Vec<usize>> {
 ///
 /// Changing the rounding at a fixed shape buys squared error at 0.07 squared steps a bit (alum-bronze and golden
 /// yellow at step 0.1); two shapes are compared at that rate.
-pub(super) fn trial(
+pub(in crate::encode) fn trial(
     partition: &Partition,
     blocks: impl IndexedParallelIterator<Item = Result<Quantized>>,
     step: f64,

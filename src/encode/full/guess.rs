@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 /// In which order the holes of planes are reached, front after front; no value counts.
-pub(super) struct Guesses {
+pub(in crate::encode) struct Guesses {
     /// From positions that some channel knows.
     any: Fronts,
     /// From what each channel knows; empty if all know the same.
@@ -12,7 +12,7 @@ pub(super) struct Guesses {
 
 impl Guesses {
     /// `known` is `[channel][position]`.
-    pub(super) fn new(shape: [usize; 4], channels: usize, known: &[bool]) -> Guesses {
+    pub(in crate::encode) fn new(shape: [usize; 4], channels: usize, known: &[bool]) -> Guesses {
         let n = known.len() / channels;
         let planes = || known.par_chunks(n);
         if known.chunks_exact(n).all(|plane| *plane == known[..n]) {
@@ -26,7 +26,7 @@ impl Guesses {
 
     /// Fills what is not known: with the mean over the channels known there, or guessed from there, and what each channel is
     /// above it, guessed as well.
-    pub(super) fn fill(&self, shape: [usize; 4], log: &mut [f32], known: &[bool]) {
+    pub(in crate::encode) fn fill(&self, shape: [usize; 4], log: &mut [f32], known: &[bool]) {
         let n: usize = shape.iter().product();
         if self.own.is_empty() {
             // The two guesses add up.

@@ -2,8 +2,9 @@
 
 use rayon::prelude::*;
 
-use super::blocks::{Quantized, gather_log};
 use super::bound::Bound;
+use super::gather::{gather_log, gather_valid, gather_values};
+use super::quantised::Quantized;
 use crate::base::budget::Budget;
 use crate::base::error::{Error, Result};
 use crate::codec::correct::{self, Decoded};
@@ -52,6 +53,20 @@ struct BlockError {
     max: f64,
 }
 
+impl BlockError {
+    fn rms(&self) -> f64 {
+        if self.count == 0 { 0.0 } else { (self.squares / self.count as f64).sqrt() }
+    }
+
+    fn plus(self, other: &BlockError) -> BlockError {
+        BlockError {
+            squares: self.squares + other.squares,
+            count: self.count + other.count,
+            max: self.max.max(other.max),
+        }
+    }
+}
+
 /// Codes of a file's probabilities after what was counted, and the probabilities that they stand for.
 pub(crate) fn fit_probabilities(counter: &Counter, quantization: Quantization) -> (Vec<Option<u8>>, Vec<u16>) {
     let mut codes: Vec<Option<u8>> =
@@ -86,39 +101,33 @@ struct Buffers {
     lossless: lossless::Walk,
 }
 
-/// What a record tells besides its coefficients.
-struct Told {
+/// What a record holds besides its coefficients.
+struct Validity {
     class: ValidityClass,
     /// Masks that go into the record.
     masks: Vec<bool>,
     /// Validity, `[channel][position]`.
     valid: Vec<bool>,
-    /// Exact zeros, if the file tells them.
+    /// Exact zeros, if the file stores them.
     zeros: Vec<bool>,
 }
 
-impl Told {
-    fn new(table: &Table, header: &Header, block: &Block) -> Told {
-        let n = block.positions();
+impl Validity {
+    fn new(table: &Table, header: &Header, block: &Block) -> Validity {
         let valid = gather_valid(table, block);
         let mut zeros = Vec::new();
         if header.coding.zeros {
-            zeros.resize(valid.len(), false);
-            let mut values = vec![0.0; n];
-            for (c, zeros) in zeros.chunks_exact_mut(n).enumerate() {
-                block.gather(table.grid().shape(), table.plane(c), &mut values);
-                zeros.iter_mut().zip(&values).zip(&valid[c * n..]).for_each(|((z, v), valid)| *z = *valid && *v == 0.0);
-            }
+            zeros.extend(gather_values(table, block).iter().zip(&valid).map(|(value, valid)| *valid && *value == 0.0));
         }
         let (class, masks) = classify(header, block, &valid);
-        Told { class, masks, valid, zeros }
+        Validity { class, masks, valid, zeros }
     }
 }
 
 /// A block before it is coded.
 struct Uncoded<'a> {
     block: Block,
-    told: &'a Told,
+    validity: &'a Validity,
     quantized: &'a Quantized,
     means: &'a [i32],
 }
@@ -132,7 +141,7 @@ impl Uncoded<'_> {
 
     /// Codes masks, exact zeros, coefficients and, where the file has a correction step, corrections.
     fn code<C: Coder>(&self, coder: &mut C, header: &Header, corrections: &[i32], buffers: &mut Buffers) {
-        let Told { class, masks, valid, zeros } = self.told;
+        let Validity { class, masks, valid, zeros } = self.validity;
         if *class == ValidityClass::None {
             return;
         }
@@ -161,6 +170,130 @@ impl Uncoded<'_> {
     }
 }
 
+/// The blocks of a table on their way into records.
+struct Blocks<'a> {
+    table: &'a Table,
+    partition: &'a Partition,
+    quantized: &'a [Quantized],
+    /// `[block][component]`
+    means: Vec<i32>,
+    validity: Vec<Validity>,
+}
+
+/// A block's record, what its decoded values are off by, and what restores its source values (empty unless lossless).
+struct Coded {
+    record: Vec<u8>,
+    error: BlockError,
+    exact: Vec<u8>,
+}
+
+impl<'a> Blocks<'a> {
+    fn new(
+        table: &'a Table,
+        header: &Header,
+        partition: &'a Partition,
+        quantized: &'a [Quantized],
+    ) -> Result<Blocks<'a>> {
+        let means: Vec<i32> = quantized.iter().flat_map(|b| b.means.iter().map(|mean| mean.unwrap_or(0))).collect();
+        if means.len() > MAX_MEANS {
+            let (blocks, components) = (quantized.len(), table.grid().channels().len());
+            let what = format!("{blocks} blocks of {components} components, the format has {MAX_MEANS} means");
+            return Err(Error::InvalidArgument(format!("{what} at most; give a larger block shape")));
+        }
+        let place = |number: usize| partition.block(number).expect("one entry a block");
+        let validity =
+            (0..quantized.len()).into_par_iter().map(|number| Validity::new(table, header, &place(number))).collect();
+        Ok(Blocks { table, partition, quantized, means, validity })
+    }
+
+    fn components(&self) -> usize {
+        self.table.grid().channels().len()
+    }
+
+    fn block(&self, number: usize) -> Uncoded<'_> {
+        Uncoded {
+            block: self.partition.block(number).expect("one entry a block"),
+            validity: &self.validity[number],
+            quantized: &self.quantized[number],
+            means: &self.means[number * self.components()..(number + 1) * self.components()],
+        }
+    }
+
+    /// Corrections of each block, found on what the decoder makes of its coefficients; empty where none is needed.
+    fn corrections(&self, header: &Header, bound: Option<Bound>) -> Result<Vec<Vec<i32>>> {
+        let Some(bound) = bound else { return Ok(vec![Vec::new(); self.quantized.len()]) };
+        let (eps, step) = (header.coding.eps, header.coding.steps[0]);
+        (0..self.quantized.len())
+            .into_par_iter()
+            .map_init(Scratch::default, |scratch, number| {
+                let block = self.block(number);
+                block.rebuild(header, scratch);
+                let (log, _) = gather_log(self.table, &block.block, eps);
+                let correctable = without_zeros(&block.validity.valid, &block.validity.zeros)?;
+                bound.corrections(&log, &correctable, &scratch.log, cuts(eps)).map_err(|left| {
+                    Error::ContractNotMet(format!(
+                        "step {step} is too coarse for the largest error: {left:.2e} is left"
+                    ))
+                })
+            })
+            .collect()
+    }
+
+    /// How often each context sees a one and a zero.
+    fn count(&self, header: &Header, corrections: &[Vec<i32>]) -> Counter {
+        let fresh = || (Counter::new(CONTEXTS), Buffers::default());
+        let counted = (0..self.quantized.len()).into_par_iter().fold(fresh, |(mut counter, mut buffers), number| {
+            self.block(number).code(&mut counter, header, &corrections[number], &mut buffers);
+            (counter, buffers)
+        });
+        let sum = |mut a: Counter, b: Counter| {
+            a.add(&b);
+            a
+        };
+        counted.map(|(counter, _)| counter).reduce(|| Counter::new(CONTEXTS), sum)
+    }
+
+    /// The records, each decoded again and measured; with `missing`, the usual bits of entries that are not valid, also the
+    /// lossless layer.
+    fn records(&self, header: &Header, corrections: &[Vec<i32>], missing: Option<&[u64]>) -> Result<Vec<Coded>> {
+        (0..self.quantized.len())
+            .into_par_iter()
+            .map_init(Buffers::default, |buffers, number| {
+                let block = self.block(number);
+                let mut coder = Encoder::new(header.probabilities.get()?);
+                block.code(&mut coder, header, &corrections[number], buffers);
+                let coded = coder.finish();
+                // Nothing to sample, nothing to double.
+                let class = block.validity.class;
+                let doublings = if class == ValidityClass::None { 0 } else { block.quantized.doublings };
+                let record = Record { class, doublings, coded: &coded };
+                let decoded =
+                    header.rebuild(&block.block, &record, block.means, &mut buffers.scratch, &Budget::unbounded());
+                decoded.map_err(|fault| {
+                    fault.error(|what| Error::InvalidArgument(format!("block {number} does not decode: {what}")))
+                })?;
+                let error = measure(self.table, &block.block, header.coding.eps, &buffers.scratch.log);
+                let exact = match missing {
+                    Some(missing) => code_exact(self.table, header, &block, missing, buffers)
+                        .map_err(|what| Error::InvalidArgument(format!("block {number} is not restored: {what}")))?,
+                    None => Vec::new(),
+                };
+                Ok(Coded { record: record.write(number as u32), error, exact })
+            })
+            .collect()
+    }
+
+    /// What INDX says of each block.
+    fn entries(&self, coded: &[Coded]) -> Vec<Entry> {
+        let entry = |(coded, means): (&Coded, &[i32])| Entry {
+            length: coded.record.len() as u32,
+            errors: [encode_error(coded.error.rms()), encode_error(coded.error.max)],
+            means: means.to_vec(),
+        };
+        coded.iter().zip(self.means.chunks_exact(self.components())).map(entry).collect()
+    }
+}
+
 /// Codes the blocks, corrects what is off by more than the bound, decodes them again and measures what came back.
 ///
 /// Corrections are found on what the decoder makes of the coefficients; what is measured is what it makes of the record.
@@ -169,124 +302,39 @@ pub(super) fn pack(
     mut coding: Coding,
     partition: Partition,
     profile: Option<CodedProfile>,
-    blocks: &[Quantized],
+    quantized: &[Quantized],
     bound: Option<Bound>,
     lossless: bool,
 ) -> Result<Packed> {
     coding.correction = bound.map(|bound| bound.step);
-    let place = |number: usize| partition.block(number).expect("one entry a block");
-    let flat = Header::new(table.grid().clone(), coding.clone(), partition.clone(), vec![1 << 15; CONTEXTS].into())
-        .with_profile(profile.clone());
-    let means: Vec<i32> = blocks.iter().flat_map(|b| b.means.iter().map(|mean| mean.unwrap_or(0))).collect();
-    let components = table.grid().channels().len();
-    if means.len() > MAX_MEANS {
-        let what = format!("{} blocks of {components} components, the format has {MAX_MEANS} means", blocks.len());
-        return Err(Error::InvalidArgument(format!("{what} at most; give a larger block shape")));
-    }
-    let told: Vec<Told> =
-        (0..blocks.len()).into_par_iter().map(|number| Told::new(table, &flat, &place(number))).collect();
-    let uncoded = |number: usize| Uncoded {
-        block: place(number),
-        told: &told[number],
-        quantized: &blocks[number],
-        means: &means[number * components..(number + 1) * components],
+    let header = |probabilities: Vec<u16>| {
+        Header::new(table.grid().clone(), coding.clone(), partition.clone(), probabilities.into())
+            .with_profile(profile.clone())
     };
-    let corrections: Vec<Vec<i32>> = match bound {
-        None => vec![Vec::new(); blocks.len()],
-        Some(bound) => (0..blocks.len())
-            .into_par_iter()
-            .map_init(Scratch::default, |scratch, number| {
-                let block = uncoded(number);
-                block.rebuild(&flat, scratch);
-                let (log, _) = gather_log(table, &block.block, coding.eps);
-                let correctable = without_zeros(&block.told.valid, &block.told.zeros)?;
-                bound.corrections(&log, &correctable, &scratch.log, cuts(coding.eps)).map_err(|left| {
-                    let what =
-                        format!("step {} is too coarse for the largest error: {left:.2e} is left", coding.steps[0]);
-                    Error::ContractNotMet(what)
-                })
-            })
-            .collect::<Result<_>>()?,
-    };
-
-    let counter = (0..blocks.len())
-        .into_par_iter()
-        .fold(
-            || (Counter::new(CONTEXTS), Buffers::default()),
-            |(mut counter, mut buffers), number| {
-                uncoded(number).code(&mut counter, &flat, &corrections[number], &mut buffers);
-                (counter, buffers)
-            },
-        )
-        .map(|(counter, _)| counter)
-        .reduce(
-            || Counter::new(CONTEXTS),
-            |mut a, b| {
-                a.add(&b);
-                a
-            },
-        );
-    let (codes, probabilities) = fit_probabilities(&counter, coding.quantization);
-    let written_profile = profile.as_ref().map(write_profile);
-    let header = Header::new(table.grid().clone(), coding.clone(), partition.clone(), probabilities.into())
-        .with_profile(profile);
-
+    // Contexts are counted from even probabilities, which do not depend on the counts.
+    let even = header(vec![1 << 15; CONTEXTS]);
+    let blocks = Blocks::new(table, &even, &partition, quantized)?;
+    let corrections = blocks.corrections(&even, bound)?;
+    let (codes, probabilities) = fit_probabilities(&blocks.count(&even, &corrections), coding.quantization);
+    let header = header(probabilities);
     let missing = lossless.then(|| usual_missing(table));
-    let coded: Vec<(Vec<u8>, BlockError, Vec<u8>)> = (0..blocks.len())
-        .into_par_iter()
-        .map_init(Buffers::default, |buffers, number| {
-            let block = uncoded(number);
-            let mut coder = Encoder::new(header.probabilities.get()?);
-            block.code(&mut coder, &header, &corrections[number], buffers);
-            let coded = coder.finish();
-            // Nothing to sample, nothing to double.
-            let class = block.told.class;
-            let doublings = if class == ValidityClass::None { 0 } else { blocks[number].doublings };
-            let record = Record { class, doublings, coded: &coded };
-            header.rebuild(&block.block, &record, block.means, &mut buffers.scratch, &Budget::unbounded()).map_err(
-                |fault| fault.error(|what| Error::InvalidArgument(format!("block {number} does not decode: {what}"))),
-            )?;
-            let error = measure(table, &block.block, header.coding.eps, &buffers.scratch.log);
-            let exact = match &missing {
-                Some(missing) => code_exact(table, &header, &block, missing, buffers)
-                    .map_err(|what| Error::InvalidArgument(format!("block {number} is not restored: {what}")))?,
-                None => Vec::new(),
-            };
-            Ok((record.write(number as u32), error, exact))
-        })
-        .collect::<Result<_>>()?;
-
-    let total = coded.iter().fold(BlockError::default(), |sum, (_, e, _)| BlockError {
-        squares: sum.squares + e.squares,
-        count: sum.count + e.count,
-        max: sum.max.max(e.max),
-    });
-    let rms = |e: &BlockError| if e.count == 0 { 0.0 } else { (e.squares / e.count as f64).sqrt() };
-    let entries: Vec<Entry> = coded
-        .iter()
-        .zip(means.chunks_exact(components))
-        .map(|((record, error, _), means)| Entry {
-            length: record.len() as u32,
-            errors: [encode_error(rms(error)), encode_error(error.max)],
-            means: means.to_vec(),
-        })
-        .collect();
-    let exact = missing.map(|missing| {
-        let parts: Vec<&[u8]> = coded.iter().map(|(.., exact)| &exact[..]).collect();
-        write_exact(&missing, &parts)
-    });
+    let coded = blocks.records(&header, &corrections, missing.as_deref())?;
+    let total = coded.iter().fold(BlockError::default(), |sum, coded| sum.plus(&coded.error));
     Ok(Packed {
-        log_rms: rms(&total),
+        log_rms: total.rms(),
         log_max: total.max,
         corrected: corrections.iter().flatten().filter(|m| **m != 0).count(),
         grid: write_grid(&header.grid),
         coding: write_coding(&header.coding),
         partition: write_partition(&header.partition, header.grid.axes().len()),
         probabilities: write_probabilities(&codes),
-        profile: written_profile,
-        index: write_index(&header.partition, &entries),
-        records: coded.iter().flat_map(|(record, ..)| record.iter().copied()).collect(),
-        exact,
+        profile: profile.as_ref().map(write_profile),
+        index: write_index(&header.partition, &blocks.entries(&coded)),
+        exact: missing.map(|missing| {
+            let parts: Vec<&[u8]> = coded.iter().map(|coded| &coded.exact[..]).collect();
+            write_exact(&missing, &parts)
+        }),
+        records: coded.into_iter().flat_map(|coded| coded.record).collect(),
     })
 }
 
@@ -304,16 +352,11 @@ fn code_exact(
     missing: &[u64],
     buffers: &mut Buffers,
 ) -> Result<Vec<u8>, &'static str> {
-    let (n, channels) = (block.block.positions(), table.grid().channels());
-    let mut values = vec![0f64; n * channels.len()];
-    for (c, values) in values.chunks_exact_mut(n).enumerate() {
-        block.block.gather(table.grid().shape(), table.plane(c), values);
-    }
-    let bits: Vec<u64> = values.into_iter().map(f64::to_bits).collect();
-    let scales: Vec<f64> = channels.iter().map(|channel| channel.scale).collect();
+    let bits: Vec<u64> = gather_values(table, &block.block).into_iter().map(f64::to_bits).collect();
+    let scales: Vec<f64> = table.grid().channels().iter().map(|channel| channel.scale).collect();
     let decoded = lossless::Decoded {
         shape: block.block.shape,
-        valid: &block.told.valid,
+        valid: &block.validity.valid,
         log: &buffers.scratch.log,
         eps: header.coding.eps,
         scales: &scales,
@@ -334,16 +377,6 @@ fn code_exact(
 /// The inverse tone map gives neither negative nor infinite values: logs are cut off there.
 fn cuts(eps: f64) -> [f64; 2] {
     [eps.ln(), f64::MAX.ln()]
-}
-
-/// Validity of a block, `[channel][position]`.
-fn gather_valid(table: &Table, block: &Block) -> Vec<bool> {
-    let n = block.positions();
-    let mut valid = vec![false; n * table.grid().channels().len()];
-    for (channel, valid) in valid.chunks_exact_mut(n).enumerate() {
-        block.gather(table.grid().shape(), table.valid_plane(channel), valid);
-    }
-    valid
 }
 
 fn measure(table: &Table, block: &Block, eps: f64, decoded: &[f32]) -> BlockError {

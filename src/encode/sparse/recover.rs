@@ -2,29 +2,37 @@
 
 use std::collections::HashMap;
 
-use super::trace::Tracer;
+use super::solver_log::Tracer;
 use crate::codec::fourier::forward::Transform;
 use crate::codec::fourier::{Basis, partners};
 use crate::codec::sample::{Sampling, sample_positions};
 use crate::encode::l1::norm::Norm;
 use crate::encode::l1::sampled::{Columns, SampledBasis};
 use crate::encode::l1::spgl1::{Options, Solver};
+use crate::encode::quantised::Solves;
+use crate::encode::settings::Encoder;
 use crate::table::block::positions;
 
 /// What the recovery of a block's component needs to know.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Recovery {
-    pub(super) basis: Basis,
-    pub(super) sampling: Sampling,
+pub(in crate::encode) struct Recovery {
+    pub(in crate::encode) basis: Basis,
+    pub(in crate::encode) sampling: Sampling,
     /// Bound on the rms residual at the samples, log domain.
-    pub(super) sigma_rms: f64,
+    pub(in crate::encode) sigma_rms: f64,
     /// Most iterations of one solve.
-    pub(super) iterations: usize,
+    pub(in crate::encode) iterations: usize,
     /// Exponent p of the weights (1 + |k|)^p on the coefficients; 0 is the plain norm.
-    pub(super) weighting: f64,
+    pub(in crate::encode) weighting: f64,
 }
 
 impl Recovery {
+    /// What settings say of it, with at most `iterations` in a solve.
+    pub(in crate::encode) fn new(settings: &Encoder, iterations: usize) -> Recovery {
+        let (basis, sampling, weighting) = (settings.basis, settings.base_sampling(), settings.weighting);
+        Recovery { basis, sampling, sigma_rms: settings.sigma_rms(), iterations, weighting }
+    }
+
     /// The norm to minimise over blocks of a shape.
     fn norm(&self, shape: [usize; 4]) -> Norm {
         // Half periods along a block: the index of a DCT, twice the frequency of a DFT.
@@ -43,23 +51,6 @@ impl Recovery {
     }
 }
 
-/// Cost and outcome of the solves of a block.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Solves {
-    pub(super) solves: usize,
-    pub(super) iterations: usize,
-    /// Solves that ended above their sigma.
-    pub(super) missed: usize,
-}
-
-impl std::ops::AddAssign for Solves {
-    fn add_assign(&mut self, other: Solves) {
-        self.solves += other.solves;
-        self.iterations += other.iterations;
-        self.missed += other.missed;
-    }
-}
-
 /// What solves over blocks of a shape share.
 struct Plan {
     transform: Transform,
@@ -68,16 +59,16 @@ struct Plan {
 }
 
 /// The recovery with its plans by block shape; one a thread.
-pub(super) struct Recoverer {
+pub(in crate::encode) struct Recoverer {
     recovery: Recovery,
     plans: HashMap<[usize; 4], Plan>,
     solver: Solver,
     /// Solves in the plain solver's place, if there.
-    pub(super) tracer: Option<Tracer>,
+    pub(in crate::encode) tracer: Option<Tracer>,
 }
 
 impl Recoverer {
-    pub(super) fn new(recovery: Recovery) -> Recoverer {
+    pub(in crate::encode) fn new(recovery: Recovery) -> Recoverer {
         Recoverer { recovery, plans: HashMap::new(), solver: Solver::default(), tracer: None }
     }
 
@@ -91,13 +82,13 @@ impl Recoverer {
     }
 
     /// Block values to coefficients, in place.
-    pub(super) fn analyze(&mut self, shape: [usize; 4], values: &mut [f64]) {
+    pub(in crate::encode) fn analyze(&mut self, shape: [usize; 4], values: &mut [f64]) {
         self.plan(shape).transform.analyze(values);
     }
 
     /// Replaces log values by coefficients. `valid` flags the values that may be looked at; the others are holes.
     /// Gives the number of samples.
-    pub(super) fn recover(
+    pub(in crate::encode) fn recover(
         &mut self,
         shape: [usize; 4],
         seed: u64,
@@ -128,7 +119,7 @@ impl Recoverer {
     }
 
     /// All values of a block from its samples.
-    pub(super) fn fill(
+    pub(in crate::encode) fn fill(
         &mut self,
         shape: [usize; 4],
         positions: &[u32],

@@ -1,46 +1,48 @@
-//! A table of which every valid entry counts, ready to be cut into blocks: logarithms with the grazing profile taken
-//! out, holes filled roughly.
+//! The full table, ready to be cut into blocks: logarithms with the grazing profile taken out, holes filled roughly.
+
 
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::blocks::channel_log;
 use super::fill::Fillers;
+use super::grazing;
 use super::guess::Guesses;
-use super::{Encoder, grazing};
 use crate::base::simd::Level;
 use crate::codec::channel::ChannelTransform;
 use crate::codec::fourier::Basis;
 use crate::codec::profile::Profile;
+use crate::encode::gather::entry_log;
+use crate::encode::settings::Encoder;
 use crate::format::profile::CodedProfile;
 use crate::table::Table;
 use crate::table::block::Block;
 use crate::table::grid::Grid;
 
 /// Planes in grid order, one a channel.
-pub(super) struct Dense {
+pub(in crate::encode) struct FullTable {
     shape: [usize; 4],
-    pub(super) channels: usize,
+    pub(in crate::encode) channels: usize,
     /// Logarithms less the profile; where not known, a guess.
     log: Vec<f32>,
     /// Valid and not exactly zero.
     known: Vec<bool>,
-    /// Whether entries that are exactly zero are told apart.
-    pub(super) zeros: bool,
-    pub(super) profile: Option<CodedProfile>,
+    /// Whether some entries are exactly zero, which the file then stores by themselves.
+    pub(in crate::encode) zeros: bool,
+    pub(in crate::encode) profile: Option<CodedProfile>,
+    pub(in crate::encode) transform: ChannelTransform,
     pub(super) fillers: Arc<Fillers>,
 }
 
 /// A block of it, `[channel][position]`.
-pub(super) struct DenseBlock {
+pub(super) struct FullBlock {
     pub(super) log: Vec<f32>,
     pub(super) known: Vec<bool>,
 }
 
-impl Dense {
+impl FullTable {
     /// Without a profile, holes not filled yet.
-    pub(super) fn new(table: &Table, eps: f64, basis: Basis) -> Dense {
+    pub(super) fn new(table: &Table, transform: &ChannelTransform, eps: f64, basis: Basis) -> FullTable {
         let grid = table.grid();
         let n = grid.positions();
         let entries = || table.values().iter().zip(table.valid());
@@ -51,38 +53,40 @@ impl Dense {
             let entries = table.plane(c).par_iter().zip(table.valid_plane(c));
             log[c * n..(c + 1) * n].par_iter_mut().zip(entries).for_each(|(log, (value, valid))| {
                 if *valid {
-                    *log = channel_log(*value, channel.scale, eps) as f32;
+                    *log = entry_log(*value, channel.scale, eps) as f32;
                 }
             });
         }
-        Dense {
+        FullTable {
             shape: grid.shape(),
             channels: grid.channels().len(),
             log,
             known,
             zeros,
             profile: None,
+            transform: transform.clone(),
             fillers: Arc::new(Fillers::new(basis)),
         }
     }
 
     /// The same with the profile that fits best, taken out; `None` if there is none.
-    pub(super) fn with_profile(&self, grid: &Grid, transform: &ChannelTransform, encoder: &Encoder) -> Option<Dense> {
-        let (coded, profile) = grazing::fit(grid, transform, &self.log, &self.known, encoder.step, encoder.effort)?;
+    pub(super) fn with_profile(&self, grid: &Grid, settings: &Encoder) -> Option<FullTable> {
+        let (coded, profile) =
+            grazing::fit(grid, &self.transform, &self.log, &self.known, settings.step, settings.effort)?;
         let mut log = self.log.clone();
-        subtract(&profile, transform, self.shape, &mut log);
+        subtract(&profile, &self.transform, self.shape, &mut log);
         let (known, fillers) = (self.known.clone(), Arc::clone(&self.fillers));
-        Some(Dense { log, known, profile: Some(coded), fillers, ..*self })
+        Some(FullTable { log, known, profile: Some(coded), transform: self.transform.clone(), fillers, ..*self })
     }
 
     /// Whether known entries of a block differ from those of a table with the same ones known.
-    pub(super) fn differs(&self, other: &Dense, block: &Block) -> bool {
+    pub(super) fn differs(&self, other: &FullTable, block: &Block) -> bool {
         let (a, b) = (self.block(block), other.block(block));
         a.log.iter().zip(&b.log).zip(&a.known).any(|((a, b), known)| *known && a != b)
     }
 
     /// With guesses for what is not known.
-    pub(super) fn filled(mut self, guesses: &Guesses) -> Dense {
+    pub(super) fn filled(mut self, guesses: &Guesses) -> FullTable {
         guesses.fill(self.shape, &mut self.log, &self.known);
         self
     }
@@ -92,7 +96,7 @@ impl Dense {
         Guesses::new(self.shape, self.channels, &self.known)
     }
 
-    pub(super) fn block(&self, block: &Block) -> DenseBlock {
+    pub(super) fn block(&self, block: &Block) -> FullBlock {
         let n = block.positions();
         let plane = self.log.len() / self.channels;
         let mut log = vec![0f32; n * self.channels];
@@ -101,7 +105,7 @@ impl Dense {
             block.gather(self.shape, &self.log[c * plane..(c + 1) * plane], &mut log[c * n..(c + 1) * n]);
             block.gather(self.shape, &self.known[c * plane..(c + 1) * plane], &mut known[c * n..(c + 1) * n]);
         }
-        DenseBlock { log, known }
+        FullBlock { log, known }
     }
 }
 

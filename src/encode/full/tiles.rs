@@ -7,13 +7,14 @@
 
 use rayon::prelude::*;
 
-use super::dense::Dense;
-use super::{Effort, Encoder};
+use super::table::FullTable;
 use crate::base::error::{Error, Result};
-use crate::codec::channel::ChannelTransform;
 use crate::codec::dependent::Quantization;
 use crate::codec::entropy::{CONTEXTS, Walk};
 use crate::codec::range::{Costs, Counter};
+use crate::encode::effort::Effort;
+use crate::encode::progress::Progress;
+use crate::encode::settings::Encoder;
 use crate::format::check_block;
 use crate::format::profile::write_profile;
 use crate::table::block::{Block, Partition};
@@ -22,7 +23,7 @@ use crate::table::grid::Grid;
 /// Bytes that each block costs in index and record besides its coefficients.
 const OVERHEAD: f64 = 10.5;
 
-/// One block of so many of the first shape trains the costs by which the others are judged, and tells whether a profile pays.
+/// Every fourth block of the first shape trains the costs by which the others are judged, and decides whether a profile pays.
 const TRAINING: usize = 4;
 
 /// Squared error that a bit buys, in squared steps: what changing the rounding does (alum-bronze, golden yellow).
@@ -63,6 +64,8 @@ fn tilings(axes: usize) -> Tilings {
 
 /// The tiles of a tiling, and what each costs in each shape.
 struct Tiles {
+    /// Of a tile that is not cut short.
+    shape: [usize; 4],
     tiles: Vec<Block>,
     shapes: Vec<[usize; 4]>,
     /// `[tile][shape]`, infinite where not tried.
@@ -70,9 +73,9 @@ struct Tiles {
 }
 
 impl Tiles {
-    fn new(tiles: Vec<Block>, shapes: Vec<[usize; 4]>) -> Tiles {
+    fn new(shape: [usize; 4], tiles: Vec<Block>, shapes: Vec<[usize; 4]>) -> Tiles {
         let prices = vec![vec![f64::INFINITY; shapes.len()]; tiles.len()];
-        Tiles { tiles, shapes, prices }
+        Tiles { shape, tiles, shapes, prices }
     }
 
     /// The tiles that begin in a box.
@@ -121,15 +124,18 @@ fn cut(place: &Block, shape: [usize; 4]) -> Vec<Block> {
         .collect()
 }
 
-impl Encoder {
-    /// The cheapest partition of a table: bits and squared error at the exchange rate of the quantiser.
-    pub(super) fn choose_tiles(
-        &self,
-        dense: &Dense,
-        transform: &ChannelTransform,
-        grid: &Grid,
-        progress: &(dyn Fn(f64) + Sync),
-    ) -> Result<Partition> {
+/// The tilings of a table's grid, with the shapes that may be tried.
+struct Candidates {
+    wide: Tiles,
+    narrow: Tiles,
+    /// The narrow shape that leaves a tile uncut, or the first.
+    uncut: usize,
+    /// Numbers of the narrow tiles within each wide one.
+    held: Vec<Vec<usize>>,
+}
+
+impl Candidates {
+    fn new(grid: &Grid, effort: Effort) -> Result<Candidates> {
         let channels = grid.channels().len();
         let Tilings { wide, wide_shapes, narrow, narrow_shapes } = tilings(grid.axes().len());
         let (wide_tile, narrow_tile) = (clipped(wide, grid.shape()), clipped(narrow, grid.shape()));
@@ -144,51 +150,41 @@ impl Encoder {
         };
         let mut narrow_shapes = usable(narrow_shapes, narrow_tile);
         let mut wide_shapes = usable(wide_shapes, wide_tile);
-        if self.effort == Effort::Fast {
+        if effort == Effort::Fast {
             narrow_shapes.truncate(4);
             wide_shapes.truncate(1);
         }
         wide_shapes.retain(|shape| !narrow_shapes.contains(shape));
-        let whole = Block { origin: [0; 4], shape: grid.shape() };
-        let Some(&first) = narrow_shapes.first() else {
+        if narrow_shapes.is_empty() {
             return Err(Error::InvalidArgument(format!(
                 "with {channels} channels no usual block shape is within the format's limits; give a smaller one"
             )));
+        }
+        let whole = Block { origin: [0; 4], shape: grid.shape() };
+        let uncut = narrow_shapes.iter().position(|shape| *shape == narrow_tile).unwrap_or(0);
+        let wide = Tiles::new(wide_tile, cut(&whole, wide_tile), wide_shapes);
+        let narrow = Tiles::new(narrow_tile, cut(&whole, narrow_tile), narrow_shapes);
+        let held = wide.tiles.iter().map(|tile| narrow.inside(tile)).collect();
+        Ok(Candidates { wide, narrow, uncut, held })
+    }
+
+    /// What each wide tile costs uncut, over what the narrow ones in it cost uncut.
+    fn ratios(&self) -> Vec<f64> {
+        let ratio = |(t, held): (usize, &Vec<usize>)| {
+            let uncut = self.wide.prices[t].first().copied().unwrap_or(f64::INFINITY);
+            uncut / held.iter().map(|&i| self.narrow.prices[i][self.uncut]).sum::<f64>()
         };
-        let training: Vec<Block> = cut(&whole, first).into_iter().step_by(TRAINING).collect();
-        let costs = Costs::new(&self.count(dense, transform, &training)?.0);
-        progress(0.1);
-        let mut wide = Tiles::new(cut(&whole, wide_tile), wide_shapes);
-        let whole_narrow = narrow_shapes.iter().position(|shape| *shape == narrow_tile).unwrap_or(0);
-        let mut narrow = Tiles::new(cut(&whole, narrow_tile), narrow_shapes);
-        let held: Vec<Vec<usize>> = wide.tiles.iter().map(|tile| narrow.inside(tile)).collect();
-        let price = |tiles: &mut Tiles, wanted: &dyn Fn(usize, usize) -> bool| {
-            tiles.price(wanted, &costs, |walk, costs, blocks| self.price(dense, transform, walk, costs, blocks))
-        };
-        // A wide tile uncut, and its narrow ones uncut: where one is far from the other, so are the shapes that go with it.
-        price(&mut narrow, &|_, s| s == whole_narrow)?;
-        price(&mut wide, &|_, s| s == 0)?;
-        progress(0.35);
-        let margin = self.effort.tile_margin();
-        let ratios: Vec<f64> = held
-            .iter()
-            .enumerate()
-            .map(|(t, held)| {
-                let uncut = wide.prices[t].first().copied().unwrap_or(f64::INFINITY);
-                uncut / held.iter().map(|&i| narrow.prices[i][whole_narrow]).sum::<f64>()
-            })
-            .collect();
-        let mut holder = vec![0; narrow.tiles.len()];
-        held.iter().enumerate().for_each(|(t, held)| held.iter().for_each(|&i| holder[i] = t));
-        price(&mut narrow, &|i, _| ratios[holder[i]] * margin > 1.0)?;
-        progress(0.7);
-        price(&mut wide, &|t, _| ratios[t] < margin)?;
-        progress(1.0);
-        let cheapest = |prices: &[f64]| {
+        self.held.iter().enumerate().map(ratio).collect()
+    }
+
+    /// The partition of the cheaper tiling, each tile in its cheapest shape.
+    fn cheapest(self, grid: &Grid) -> Result<Partition> {
+        let least = |prices: &[f64]| {
             let best = (0..prices.len()).min_by(|&a, &b| prices[a].total_cmp(&prices[b])).unwrap_or(0);
             (best, prices[best])
         };
-        let narrow_choice: Vec<(usize, f64)> = narrow.prices.iter().map(|prices| cheapest(prices)).collect();
+        let Candidates { wide, narrow, held, .. } = self;
+        let narrow_choice: Vec<(usize, f64)> = narrow.prices.iter().map(|prices| least(prices)).collect();
         // A wide tile may also be cut by a shape of the narrow ones that it holds.
         let wide_choice: Vec<(usize, f64)> = wide
             .prices
@@ -196,84 +192,104 @@ impl Encoder {
             .zip(&held)
             .map(|(prices, held)| {
                 let cut = (0..narrow.shapes.len()).map(|s| held.iter().map(|&i| narrow.prices[i][s]).sum::<f64>());
-                cheapest(&prices.iter().copied().chain(cut).collect::<Vec<f64>>())
+                least(&prices.iter().copied().chain(cut).collect::<Vec<f64>>())
             })
             .collect();
         let total = |choice: &[(usize, f64)]| choice.iter().map(|c| c.1).sum::<f64>();
         if total(&wide_choice) < total(&narrow_choice) {
             let shapes = [wide.shapes, narrow.shapes].concat();
-            tiled(grid.shape(), wide_tile, &shapes, &wide_choice)
+            tiled(grid.shape(), wide.shape, &shapes, &wide_choice)
         } else {
-            tiled(grid.shape(), narrow_tile, &narrow.shapes, &narrow_choice)
+            tiled(grid.shape(), narrow.shape, &narrow.shapes, &narrow_choice)
         }
     }
+}
 
-    /// Whether a table takes fewer bits with its profile taken out, in blocks of the first narrow shape; the squared error counts
-    /// at the exchange rate.
-    pub(super) fn profile_pays(
-        &self,
-        plain: &Dense,
-        steep: &Dense,
-        transform: &ChannelTransform,
-        grid: &Grid,
-    ) -> Result<bool> {
-        let shape = clipped(tilings(grid.axes().len()).narrow_shapes[0], grid.shape());
-        let whole = Block { origin: [0; 4], shape: grid.shape() };
-        let (touched, others): (Vec<Block>, Vec<Block>) =
-            cut(&whole, shape).into_iter().step_by(TRAINING).partition(|block| steep.differs(plain, block));
-        let others = self.count(plain, transform, &others)?;
-        let step = f64::from(self.step);
-        let price = |dense: &Dense| -> Result<f64> {
-            let (mut counter, squared_error) = self.count(dense, transform, &touched)?;
-            counter.add(&others.0);
-            Ok(counter.bits() + squared_error / (EXCHANGE * step * step))
-        };
-        let profile = steep.profile.as_ref().map_or(0, |profile| 8 * write_profile(profile).len());
-        let profile = (profile / TRAINING) as f64;
-        Ok(price(steep)? + profile < price(plain)?)
-    }
+/// The cheapest partition of a table: bits and squared error at the exchange rate of the quantiser.
+pub(in crate::encode) fn choose(
+    settings: &Encoder,
+    full: &FullTable,
+    grid: &Grid,
+    progress: Progress,
+) -> Result<Partition> {
+    let mut candidates = Candidates::new(grid, settings.effort)?;
+    let whole = Block { origin: [0; 4], shape: grid.shape() };
+    let training: Vec<Block> = cut(&whole, candidates.narrow.shapes[0]).into_iter().step_by(TRAINING).collect();
+    let costs = Costs::new(&count(settings, full, &training)?.0);
+    progress.reach(0.1);
+    let price = |tiles: &mut Tiles, wanted: &dyn Fn(usize, usize) -> bool| {
+        tiles.price(wanted, &costs, |walk, costs, blocks| price(settings, full, walk, costs, blocks))
+    };
+    // A wide tile uncut, and its narrow ones uncut: where one is far from the other, so are the shapes that go with it.
+    let uncut = candidates.uncut;
+    price(&mut candidates.narrow, &|_, s| s == uncut)?;
+    price(&mut candidates.wide, &|_, s| s == 0)?;
+    progress.reach(0.35);
+    let (margin, ratios) = (settings.effort.tile_margin(), candidates.ratios());
+    let mut holder = vec![0; candidates.narrow.tiles.len()];
+    candidates.held.iter().enumerate().for_each(|(t, held)| held.iter().for_each(|&i| holder[i] = t));
+    price(&mut candidates.narrow, &|i, _| ratios[holder[i]] * margin > 1.0)?;
+    progress.reach(0.7);
+    price(&mut candidates.wide, &|t, _| ratios[t] < margin)?;
+    progress.reach(1.0);
+    candidates.cheapest(grid)
+}
 
-    /// Decisions of blocks by context, and the blocks' squared error.
-    fn count(&self, dense: &Dense, transform: &ChannelTransform, blocks: &[Block]) -> Result<(Counter, f64)> {
-        let parts: Vec<(Counter, f64)> = blocks
-            .par_iter()
-            .map_init(Walk::default, |walk, block| {
-                let steps = self.effort.trial_steps();
-                let quantized = self.quantize_dense(dense, transform, block, steps).ok_or_else(|| self.too_fine())?;
-                let mut counter = Counter::new(CONTEXTS);
-                let coded = walk.code(&mut counter, Quantization::Scalar, block.shape, &quantized.coefficients);
-                debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
-                Ok((counter, quantized.squared_error))
-            })
-            .collect::<Result<_>>()?;
-        // In the order of the blocks, so that sums do not depend on the number of threads.
-        Ok(parts.into_iter().fold((Counter::new(CONTEXTS), 0.0), |(mut sum, errors), (counter, error)| {
-            sum.add(&counter);
-            (sum, errors + error)
-        }))
-    }
+/// Whether a table takes fewer bits with its profile taken out, in blocks of the first narrow shape; the squared error counts
+/// at the exchange rate.
+pub(in crate::encode) fn profile_pays(settings: &Encoder, plain: &FullTable, steep: &FullTable, grid: &Grid) -> Result<bool> {
+    let shape = clipped(tilings(grid.axes().len()).narrow_shapes[0], grid.shape());
+    let whole = Block { origin: [0; 4], shape: grid.shape() };
+    let (touched, others): (Vec<Block>, Vec<Block>) =
+        cut(&whole, shape).into_iter().step_by(TRAINING).partition(|block| steep.differs(plain, block));
+    let others = count(settings, plain, &others)?;
+    let step = f64::from(settings.step);
+    let price = |full: &FullTable| -> Result<f64> {
+        let (mut counter, squared_error) = count(settings, full, &touched)?;
+        counter.add(&others.0);
+        Ok(counter.bits() + squared_error / (EXCHANGE * step * step))
+    };
+    let profile = steep.profile.as_ref().map_or(0, |profile| 8 * write_profile(profile).len());
+    let profile = (profile / TRAINING) as f64;
+    Ok(price(steep)? + profile < price(plain)?)
+}
 
-    /// Bits of blocks, with their squared error at the exchange rate.
-    fn price(
-        &self,
-        dense: &Dense,
-        transform: &ChannelTransform,
-        walk: &mut Walk,
-        costs: &mut Costs,
-        blocks: &[Block],
-    ) -> Result<f64> {
-        let mut price = 0.0;
-        for block in blocks {
-            let quantized = self
-                .quantize_dense(dense, transform, block, self.effort.trial_steps())
-                .ok_or_else(|| self.too_fine())?;
-            let coded = walk.code(costs, Quantization::Scalar, block.shape, &quantized.coefficients);
+/// Decisions of blocks by context, and the blocks' squared error.
+fn count(settings: &Encoder, full: &FullTable, blocks: &[Block]) -> Result<(Counter, f64)> {
+    let parts: Vec<(Counter, f64)> = blocks
+        .par_iter()
+        .map_init(Walk::default, |walk, block| {
+            let quantized = full.quantize_trial(settings, block)?;
+            let mut counter = Counter::new(CONTEXTS);
+            let coded = walk.code(&mut counter, Quantization::Scalar, block.shape, &quantized.coefficients);
             debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
-            let step = f64::from(self.step);
-            price += costs.take_bits() + 8.0 * OVERHEAD + quantized.squared_error / (EXCHANGE * step * step);
-        }
-        Ok(price)
+            Ok((counter, quantized.squared_error))
+        })
+        .collect::<Result<_>>()?;
+    // In the order of the blocks, so that sums do not depend on the number of threads.
+    Ok(parts.into_iter().fold((Counter::new(CONTEXTS), 0.0), |(mut sum, errors), (counter, error)| {
+        sum.add(&counter);
+        (sum, errors + error)
+    }))
+}
+
+/// Bits of blocks, with their squared error at the exchange rate.
+fn price(
+    settings: &Encoder,
+    full: &FullTable,
+    walk: &mut Walk,
+    costs: &mut Costs,
+    blocks: &[Block],
+) -> Result<f64> {
+    let mut price = 0.0;
+    for block in blocks {
+        let quantized = full.quantize_trial(settings, block)?;
+        let coded = walk.code(costs, Quantization::Scalar, block.shape, &quantized.coefficients);
+        debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
+        let step = f64::from(settings.step);
+        price += costs.take_bits() + 8.0 * OVERHEAD + quantized.squared_error / (EXCHANGE * step * step);
     }
+    Ok(price)
 }
 
 /// The partition with the shapes that some tile has.

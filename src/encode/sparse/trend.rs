@@ -43,7 +43,7 @@ const ITERATIONS: usize = 400;
 const TOLERANCE: f64 = 1e-8;
 
 /// Where the positions of a grid are in the tables.
-pub(super) struct Model {
+pub(in crate::encode) struct Model {
     knots: [usize; 4],
     /// First unknown of each table.
     base: [usize; PAIRS.len()],
@@ -56,7 +56,7 @@ pub(super) struct Model {
 }
 
 /// Entries and weights that positions are interpolated from, [`TAPS`] each.
-pub(super) struct Design {
+pub(in crate::encode) struct Design {
     taps: Vec<(u32, f32)>,
     /// One of so many samples is used.
     stride: usize,
@@ -65,14 +65,14 @@ pub(super) struct Design {
 
 /// A fitted model of one component.
 #[derive(Clone, Debug)]
-pub(super) struct Trend {
+pub(in crate::encode) struct Trend {
     mean: f64,
     entries: Vec<f64>,
 }
 
 impl Model {
     /// `None` unless the grid has half and difference angles, without a second azimuth.
-    pub(super) fn new(grid: &Grid) -> Option<Model> {
+    pub(in crate::encode) fn new(grid: &Grid) -> Option<Model> {
         let find = |name| grid.find(name).filter(|&axis| grid.axes()[axis].len > 1);
         let axes = [find(AxisName::ThetaH)?, find(AxisName::ThetaD)?, find(AxisName::PhiD)?];
         if grid.axes().iter().filter(|axis| axis.len > 1).count() > axes.len() {
@@ -125,7 +125,7 @@ impl Model {
     }
 
     /// The samples at `positions`, or evenly spread ones of many.
-    pub(super) fn design(&self, positions: &[u32]) -> Design {
+    pub(in crate::encode) fn design(&self, positions: &[u32]) -> Design {
         let stride = positions.len().div_ceil(SAMPLES).max(1);
         let taps = positions
             .iter()
@@ -138,7 +138,7 @@ impl Model {
 
     /// The model nearest to samples, `values` in the order of the design's positions. `stiffness` weighs smoothness: 1 suits
     /// most tables.
-    pub(super) fn fit(&self, design: &Design, values: &[f64], stiffness: f64) -> Trend {
+    pub(in crate::encode) fn fit(&self, design: &Design, values: &[f64], stiffness: f64) -> Trend {
         let used = values.iter().enumerate().filter(|(i, _)| one_of(*i, design.stride));
         let values: Vec<f64> = used.map(|(_, v)| *v).collect();
         let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
@@ -191,7 +191,7 @@ impl Model {
     }
 
     /// The values of the components' models everywhere: `[component][position]`, zero where there is none.
-    pub(super) fn evaluate(&self, trends: &[Option<Trend>]) -> Vec<f64> {
+    pub(in crate::encode) fn evaluate(&self, trends: &[Option<Trend>]) -> Vec<f64> {
         let positions: usize = self.shape.iter().product();
         let mut planes = vec![0.0; positions * trends.len()];
         if trends.iter().all(Option::is_none) {
@@ -216,7 +216,7 @@ impl Model {
 
 impl Design {
     /// Residuals of samples, given in the order of the design's positions, all of which must be in it.
-    pub(super) fn subtract(&self, model: &Model, positions: &[u32], trend: &Trend, values: &mut [f64]) {
+    pub(in crate::encode) fn subtract(&self, model: &Model, positions: &[u32], trend: &Trend, values: &mut [f64]) {
         for (i, (value, &position)) in values.iter_mut().zip(positions).enumerate() {
             *value -= match self.stride {
                 1 => trend.value(&self.taps[i * TAPS..][..TAPS]),
@@ -233,7 +233,7 @@ impl Trend {
 }
 
 /// Whether sample `i` is among one of `count`: scattered, since a stride would keep to a few bins of phi_d in a full table.
-pub(super) fn one_of(i: usize, count: usize) -> bool {
+pub(in crate::encode) fn one_of(i: usize, count: usize) -> bool {
     SplitMix64(i as u64).next_u64().is_multiple_of(count as u64)
 }
 

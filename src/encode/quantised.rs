@@ -1,12 +1,8 @@
-//! Blocks between the table and the quantiser: their log values on the way in, their integers on the way out.
+//! Blocks after the quantiser: their integers, and what they cost.
 
-use super::recover::Solves;
 use crate::base::simd::{Level, Task};
 use crate::codec::entropy::MAX_MAGNITUDE;
 use crate::codec::quantize::{Quantizer, quantize_mean};
-use crate::codec::tone::tone_map;
-use crate::table::Table;
-use crate::table::block::Block;
 
 /// Sums over magnitudes 1, and 2 and above: how far below the integer the coefficient was, in steps; counts.
 #[derive(Clone, Copy, Default)]
@@ -18,6 +14,23 @@ impl Shortfall {
         let sum = &mut self.0[usize::from(q.unsigned_abs() > 1)];
         sum.0 += f64::from(q.unsigned_abs()) - coefficient.abs();
         sum.1 += 1;
+    }
+}
+
+/// Cost and outcome of the solves of a block.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Solves {
+    pub(super) solves: usize,
+    pub(super) iterations: usize,
+    /// Solves that ended above their sigma.
+    pub(super) missed: usize,
+}
+
+impl std::ops::AddAssign for Solves {
+    fn add_assign(&mut self, other: Solves) {
+        self.solves += other.solves;
+        self.iterations += other.iterations;
+        self.missed += other.missed;
     }
 }
 
@@ -122,29 +135,6 @@ impl Task for RoundAll<'_> {
         *largest = most.into_iter().fold(0.0, f32::max);
         *squared_error = errors.into_iter().sum();
     }
-}
-
-/// Log value of a valid entry. Source values up to f64::MAX times a scale above 1 may overflow: the log stays finite all the same.
-pub(super) fn channel_log(value: f64, scale: f64, eps: f64) -> f64 {
-    tone_map((value * scale).min(f64::MAX), eps)
-}
-
-/// Log values and validity of a block, `[channel][position]`; zero where not valid.
-pub(super) fn gather_log(table: &Table, block: &Block, eps: f64) -> (Vec<f64>, Vec<bool>) {
-    let grid = table.grid();
-    let n = block.positions();
-    let mut values = vec![0.0; n * grid.channels().len()];
-    let mut valid = vec![false; values.len()];
-    for (c, channel) in grid.channels().iter().enumerate() {
-        let values = &mut values[c * n..(c + 1) * n];
-        let valid = &mut valid[c * n..(c + 1) * n];
-        block.gather(grid.shape(), table.plane(c), values);
-        block.gather(grid.shape(), table.valid_plane(c), valid);
-        for (value, &valid) in values.iter_mut().zip(valid.iter()) {
-            *value = if valid { channel_log(*value, channel.scale, eps) } else { 0.0 };
-        }
-    }
-    (values, valid)
 }
 
 /// Gives blocks without a sample the mean value of the block before, or of the first that has one: a guess near the

@@ -30,18 +30,18 @@ struct Plan {
 }
 
 /// Fillers that threads share, since a block is soon filled against what it takes to make one.
-pub(super) struct Fillers {
+pub(in crate::encode) struct Fillers {
     basis: Basis,
     idle: Mutex<Vec<Filler>>,
 }
 
 impl Fillers {
-    pub(super) fn new(basis: Basis) -> Fillers {
+    pub(in crate::encode) fn new(basis: Basis) -> Fillers {
         Fillers { basis, idle: Mutex::new(Vec::new()) }
     }
 
     /// Runs `work` with one that no other thread uses.
-    pub(super) fn with<T>(&self, work: impl FnOnce(&mut Filler) -> T) -> T {
+    pub(in crate::encode) fn with<T>(&self, work: impl FnOnce(&mut Filler) -> T) -> T {
         let idle = self.idle.lock().ok().and_then(|mut idle| idle.pop());
         let mut filler = idle.unwrap_or_else(|| Filler::new(self.basis));
         let result = work(&mut filler);
@@ -53,7 +53,7 @@ impl Fillers {
 }
 
 /// Transforms by block shape, and buffers.
-pub(super) struct Filler {
+pub(in crate::encode) struct Filler {
     basis: Basis,
     level: Level,
     plans: HashMap<[usize; 4], Plan>,
@@ -68,7 +68,7 @@ pub(super) struct Filler {
 }
 
 impl Filler {
-    pub(super) fn new(basis: Basis) -> Filler {
+    pub(in crate::encode) fn new(basis: Basis) -> Filler {
         Filler {
             basis,
             level: Level::detect(),
@@ -96,7 +96,7 @@ impl Filler {
 
     /// Logarithms `[channel][position]` to coefficients `[component][position]`, in place; where not `known` they are a
     /// first guess.
-    pub(super) fn analyze(
+    pub(in crate::encode) fn analyze(
         &mut self,
         shape: [usize; 4],
         transform: &ChannelTransform,

@@ -1,6 +1,7 @@
 //! The boxes that are recovered one by one.
 
-use crate::encode::recover::{Recoverer, Solves};
+use crate::encode::quantised::Solves;
+use crate::encode::sparse::recover::Recoverer;
 use crate::table::block::{Block, positions, unravel};
 
 /// Boxes that cover a grid, all of one shape; the last along an axis may overlap the one before.

@@ -11,8 +11,6 @@
 
 use rayon::prelude::*;
 
-use super::Effort;
-use super::effort::ProfileStage;
 use crate::codec::channel::ChannelTransform;
 use crate::codec::dependent::Quantization;
 use crate::codec::entropy::{self, Walk};
@@ -21,6 +19,7 @@ use crate::codec::fourier::forward::Transform;
 use crate::codec::profile::{Profile, bins, place};
 use crate::codec::quantize::{Quantizer, quantize_mean};
 use crate::codec::range::Encoder;
+use crate::encode::effort::{Effort, ProfileStage};
 use crate::format::profile::{CodedProfile, TABLES};
 use crate::format::{MAX_BLOCK_AXIS, check_block};
 use crate::table::grid::Grid;
@@ -389,7 +388,7 @@ fn refine(x: &mut Tables, planes: &[&Plane], bins: [usize; 2], components: &[&[f
 
 /// Fits a profile to logarithms `[channel][position]` where they are known; `None` if the grid has none or too little
 /// is near the horizon. The tables are quantised with the step of the blocks.
-pub(super) fn fit(
+pub(in crate::encode) fn fit(
     grid: &Grid,
     transform: &ChannelTransform,
     log: &[f32],

@@ -8,7 +8,6 @@
 
 use rayon::prelude::*;
 
-use super::blocks::Quantized;
 use crate::codec::dependent::{Quantization, STATES, State};
 use crate::codec::entropy::{
     Around, Extents, MAX_MAGNITUDE, ODD_CONTEXTS, Rows, SIGNIFICANT, SIGNIFICANT_ODD, WIDTH, Walk, find_extents,
@@ -17,10 +16,11 @@ use crate::codec::entropy::{
 use crate::codec::quantize::quantize_mean;
 use crate::codec::range::{Costs, Counter};
 use crate::decode::CONTEXTS;
+use crate::encode::quantised::Quantized;
 
 /// Step of the multiples in steps of the encoder, which are those of a scalar quantiser. Shares of .5 to .8 and exchange rates of .2 to
 /// .45 lie within 2 % of one curve; these are best at log rms .01.
-pub(super) const STEP: f32 = 0.65;
+pub(in crate::encode) const STEP: f32 = 0.65;
 
 /// Squared error that a bit buys, in squared steps of the multiples.
 const EXCHANGE: f32 = 0.3;
@@ -32,14 +32,14 @@ const TRAINING: usize = 4;
 const LEAST: f32 = 0.8;
 
 /// A block's coefficients `[component][position]`; none where nothing is known of it.
-pub(super) struct Filled {
-    pub(super) shape: [usize; 4],
-    pub(super) coefficients: Vec<f32>,
+pub(in crate::encode) struct Filled {
+    pub(in crate::encode) shape: [usize; 4],
+    pub(in crate::encode) coefficients: Vec<f32>,
 }
 
 /// Quantises blocks; `step` and `rounding` are those of the scalar quantiser that the path starts from. `None` if a coefficient
 /// is beyond what the format holds.
-pub(super) fn quantize(blocks: &[Filled], components: usize, step: f32, rounding: f64) -> Option<Vec<Quantized>> {
+pub(in crate::encode) fn quantize(blocks: &[Filled], components: usize, step: f32, rounding: f64) -> Option<Vec<Quantized>> {
     let scalar = |block: &Filled| -> Option<Quantized> {
         let mut quantized = Quantized::empty(block.shape, components);
         let n: usize = block.shape.iter().product();

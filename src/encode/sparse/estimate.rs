@@ -9,11 +9,13 @@ mod windows;
 
 use rayon::prelude::*;
 
-use super::recover::{Recoverer, Recovery, Solves};
+use super::recover::{Recoverer, Recovery};
 use super::trend::{Model, Trend, one_of};
 use crate::codec::channel::ChannelTransform;
 use crate::codec::sample::{Sampling, block_seed, sample_positions};
-use crate::codec::tone::tone_map;
+use crate::encode::gather::entry_log;
+use crate::encode::progress::Progress;
+use crate::encode::quantised::Solves;
 use crate::table::Table;
 use crate::table::block::{Block, Partition};
 use windows::Windows;
@@ -23,28 +25,28 @@ use windows::Windows;
 /// Chosen on samples held out, at 1 %: 0.2 for green-fabric and alum-bronze gains 6 % over 1, 5 for golden yellow 3 %.
 const STIFFNESSES: [f64; 3] = [0.2, 1.0, 5.0];
 
-/// One sample of so many is held out for the choice.
+/// Every fifth sample is held out for the choice.
 const HELD_OUT: usize = 5;
 
-/// The choice is made on one window of so many, with short solves.
+/// The choice is made on every third window, with short solves.
 const TRIAL_WINDOWS: usize = 3;
 const TRIAL_ITERATIONS: usize = 50;
 
 /// What became of a table.
-pub(super) struct Estimate {
+pub(in crate::encode) struct Estimate {
     grid: [usize; 4],
     /// ln(f + eps) after the channel transform, everywhere: `[component][position]`.
     planes: Vec<f64>,
     /// Samples that each block took, all components.
-    pub(super) sampled: Vec<usize>,
+    pub(in crate::encode) sampled: Vec<usize>,
     /// Doublings of the file's sampling ratio, one a block.
-    pub(super) doublings: Vec<u8>,
-    pub(super) cost: Solves,
+    pub(in crate::encode) doublings: Vec<u8>,
+    pub(in crate::encode) cost: Solves,
 }
 
 impl Estimate {
     /// The values of a block, `[component][position]`.
-    pub(super) fn gather(&self, block: &Block, values: &mut [f64]) {
+    pub(in crate::encode) fn gather(&self, block: &Block, values: &mut [f64]) {
         let n = self.grid.iter().product();
         for (plane, values) in self.planes.chunks_exact(n).zip(values.chunks_exact_mut(block.positions())) {
             block.gather(self.grid, plane, values);
@@ -60,14 +62,14 @@ struct Samples {
 }
 
 /// The table's log values after the channel transform, zero where not valid.
-pub(super) fn log_planes(table: &Table, transform: &ChannelTransform, eps: f64) -> Vec<f64> {
+pub(in crate::encode) fn log_planes(table: &Table, transform: &ChannelTransform, eps: f64) -> Vec<f64> {
     let channels = table.grid().channels();
     let n = table.grid().positions();
     let mut planes = vec![0.0; n * channels.len()];
     for ((c, channel), plane) in channels.iter().enumerate().zip(planes.chunks_exact_mut(n)) {
         let entries = table.plane(c).par_iter().zip(table.valid_plane(c));
         plane.par_iter_mut().zip(entries).filter(|(_, (_, valid))| **valid).for_each(|(log, (value, _))| {
-            *log = tone_map((*value * channel.scale).min(f64::MAX), eps);
+            *log = entry_log(*value, channel.scale, eps);
         });
     }
     transform.forward(&mut planes, channels.len());
@@ -75,7 +77,7 @@ pub(super) fn log_planes(table: &Table, transform: &ChannelTransform, eps: f64) 
 }
 
 /// Flags the samples of every block of the partition, each drawn at its own ratio; `valid` and the flags are of one component.
-pub(super) fn draw(partition: &Partition, seed: u64, sampling: &[Sampling], valid: &[bool]) -> Vec<bool> {
+pub(in crate::encode) fn draw(partition: &Partition, seed: u64, sampling: &[Sampling], valid: &[bool]) -> Vec<bool> {
     let grid = partition.grid();
     let mut flags = vec![false; valid.len()];
     for (number, &sampling) in sampling.iter().enumerate() {
@@ -91,7 +93,7 @@ pub(super) fn draw(partition: &Partition, seed: u64, sampling: &[Sampling], vali
 }
 
 /// The recovery of a table, to be repeated as samples are added.
-pub(super) struct Estimator<'a> {
+pub(in crate::encode) struct Estimator<'a> {
     table: &'a Table,
     planes: &'a [f64],
     partition: &'a Partition,
@@ -110,16 +112,16 @@ pub(super) struct Estimator<'a> {
 
 /// How stiff a trend is.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Stiffness {
+pub(in crate::encode) enum Stiffness {
     /// What suits most tables.
     Usual,
-    /// Of several, or no trend at all, what tells samples held out best.
+    /// Of several, or no trend at all, what predicts samples held out best.
     HeldOut,
 }
 
 impl<'a> Estimator<'a> {
     /// `planes` are the table's log values after the channel transform; blocks of the partition are sampled.
-    pub(super) fn new(
+    pub(in crate::encode) fn new(
         table: &'a Table,
         planes: &'a [f64],
         partition: &'a Partition,
@@ -144,7 +146,7 @@ impl<'a> Estimator<'a> {
     }
 
     /// Draws the samples anew, each block at its own ratio.
-    pub(super) fn draw(&mut self, sampling: &[Sampling]) {
+    pub(in crate::encode) fn draw(&mut self, sampling: &[Sampling]) {
         let (table, partition, seed, windows) = (self.table, self.partition, self.seed, &self.windows);
         self.flags.par_iter_mut().zip(&mut self.solved).enumerate().for_each(|(c, (flags, solved))| {
             let drawn = draw(partition, seed, sampling, table.valid_plane(c));
@@ -168,7 +170,7 @@ impl<'a> Estimator<'a> {
     }
 
     /// Fits the trend to the samples drawn.
-    pub(super) fn fit(&mut self, stiffness: Stiffness) {
+    pub(in crate::encode) fn fit(&mut self, stiffness: Stiffness) {
         let samples = self.samples();
         let trends: Vec<Option<Trend>> = samples
             .par_iter()
@@ -194,7 +196,7 @@ impl<'a> Estimator<'a> {
     }
 
     /// Recovers the windows that have new samples, or all after a fit. Gives the values everywhere.
-    pub(super) fn solve(&mut self, progress: &(dyn Fn(f64) + Sync)) -> Vec<f64> {
+    pub(in crate::encode) fn solve(&mut self, progress: Progress) -> Vec<f64> {
         let n = self.windows.positions();
         let mut planes = self.base.clone();
         let components = self.flags.len();
@@ -222,18 +224,18 @@ impl<'a> Estimator<'a> {
             for (window, values) in self.solved[c].iter().enumerate() {
                 windows.add(window, values.as_ref().expect("solved above"), base);
             }
-            progress((c + 1) as f64 / components as f64);
+            progress.reach((c + 1) as f64 / components as f64);
         }
         planes
     }
 
-    pub(super) fn partition(&self) -> &Partition {
+    pub(in crate::encode) fn partition(&self) -> &Partition {
         self.partition
     }
 
     /// Rms error of an estimate over the samples of a block that `next` draws but that are not drawn yet, with a margin for
     /// how few they are: infinite if there are none, though the block holds valid entries, zero if it holds none.
-    pub(super) fn held_out_rms(&self, estimate: &[f64], number: usize, next: Sampling) -> f64 {
+    pub(in crate::encode) fn held_out_rms(&self, estimate: &[f64], number: usize, next: Sampling) -> f64 {
         let block = self.partition.block(number).expect("number is below the count");
         let (grid, n) = (self.partition.grid(), self.windows.positions());
         let seed = block_seed(self.seed, number as u32);
@@ -260,7 +262,7 @@ impl<'a> Estimator<'a> {
     }
 
     /// The values everywhere from what was drawn, and the samples of each block.
-    pub(super) fn finish(mut self, doublings: Vec<u8>, progress: &(dyn Fn(f64) + Sync)) -> Estimate {
+    pub(in crate::encode) fn finish(mut self, doublings: Vec<u8>, progress: Progress) -> Estimate {
         let mut planes = self.solve(progress);
         let (grid, n) = (self.partition.grid(), self.windows.positions());
         for (number, &doublings) in doublings.iter().enumerate() {
@@ -296,7 +298,7 @@ impl<'a> Estimator<'a> {
     }
 }
 
-/// The trend that tells samples held out best, together with the recovery of what it leaves.
+/// The trend that predicts samples held out best, together with the recovery of what it leaves.
 fn choose_trend(model: &Model, samples: &Samples, windows: &Windows, recovery: Recovery) -> Option<Trend> {
     let part = |held_out: bool| Samples {
         positions: pick(&samples.positions, held_out),

@@ -1,0 +1,40 @@
+//! What an encode achieved.
+
+use crate::format::Limits;
+
+/// What an encode achieved, measured with the decoder, and what it cost.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Report {
+    /// Entries of all channels.
+    pub entries: usize,
+    /// Valid ones among them.
+    pub valid: usize,
+    /// Sampled ones among these.
+    pub sampled: usize,
+    /// Entries that were corrected, to keep a largest error.
+    pub corrected: usize,
+    /// Quantiser step.
+    pub step: f32,
+    /// Blocks.
+    pub blocks: usize,
+    /// Root mean square error of ln(f + eps) over the valid entries.
+    pub log_rms: f64,
+    /// Largest error of ln(f + eps) over the valid entries.
+    pub log_max: f64,
+    /// l1 problems solved, their iterations, and how many ended above sigma.
+    pub solves: usize,
+    /// Iterations of all solves.
+    pub iterations: usize,
+    /// Solves that ended above their sigma.
+    pub missed_sigma: usize,
+    /// Wall seconds of the whole encode.
+    pub seconds: f64,
+}
+
+impl Report {
+    /// The number of values that readers must be allowed ([`Limits::table_values`], `csbrdf --limit`) to decode the file as a whole;
+    /// `None` where they allow it by default.
+    pub fn needs_limit(&self) -> Option<usize> {
+        (self.entries > Limits::default().table_values).then_some(self.entries)
+    }
+}
