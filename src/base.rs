@@ -4,9 +4,13 @@ pub(crate) mod bits;
 pub(crate) mod budget;
 pub mod bytes;
 pub mod error;
+pub mod limits;
 #[doc(hidden)]
 pub mod excerpt;
 #[cfg(feature = "mmap")]
 pub mod map;
 pub(crate) mod portable;
+#[cfg(feature = "encode")]
+pub mod real;
 pub(crate) mod simd;
+pub mod version;

@@ -30,7 +30,7 @@ pub use options::BrdfOptions;
 ///
 /// Shared between threads by reference: finding a block in the cache takes no lock.
 ///
-/// What it decodes counts towards [`Limits::operations`](crate::format::Limits::operations) over its whole life, less 65 us for each look-up that finds nothing in the
+/// What it decodes counts towards [`Limits::operations`](crate::base::limits::Limits::operations) over its whole life, less 65 us for each look-up that finds nothing in the
 /// cache: a file whose blocks are too large for the cache ends in `LimitExceeded`, where it would be rebuilt for ever. Of a reader with
 /// [one budget](Reader::with_one_budget) that discount grows with the bytes of the file, and files below 128 kB have none.
 pub struct Brdf {

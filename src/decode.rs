@@ -26,7 +26,8 @@ use crate::format::metadata::Metadata;
 use crate::format::probabilities::Probabilities;
 use crate::format::profile::read_profile;
 use crate::format::record::{Record, ValidityClass};
-use crate::format::{Limits, MAX_BLOCK_VALUES, is_compact, may_double, may_prune};
+use crate::base::limits::{Limits, MAX_BLOCK_VALUES};
+use crate::format::{is_compact, may_double, may_prune};
 use crate::table::block::{Block, Partition, Place, Target};
 use crate::table::grid::Grid;
 

@@ -104,6 +104,7 @@ mod documents;
 
 pub use base::bytes::Bytes;
 pub use base::error::{Error, Result};
+pub use base::limits::Limits;
 pub use brdf::importance::{Importance, Sample};
 pub use brdf::touched::Touched;
 pub use brdf::{Brdf, BrdfOptions};
@@ -112,7 +113,6 @@ pub use decode::{PrunedPolicy, Reader};
 pub use encode::contract::Contract;
 #[cfg(feature = "encode")]
 pub use encode::{Effort, Encoded, Encoder, Preset, Report};
-pub use format::Limits;
 #[cfg(feature = "metadata")]
 pub use format::metadata::Metadata;
 pub use table::Table;

@@ -1,11 +1,12 @@
 //! Damaged, cut and foreign bytes: every one is refused with its place, none panics.
 #![cfg(feature = "encode")]
 
+use csbrdf::Limits;
 use csbrdf::base::error::Error;
 use csbrdf::decode::Reader;
 use csbrdf::encode::contract::Contract;
 use csbrdf::encode::{Encoder, Preset};
-use csbrdf::format::{END_MARKER, Limits, MAGIC};
+use csbrdf::format::{END_MARKER, MAGIC};
 use csbrdf::table::Table;
 use csbrdf::table::grid::Grid;
 use csbrdf::table::synth::Recipe;

@@ -5,11 +5,11 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::OnceLock;
 
+use csbrdf::Limits;
 use csbrdf::base::error::Error;
 use csbrdf::decode::Reader;
 use csbrdf::edit::salvage::{Options, Outcome, Salvaged, repair, salvage, salvage_with};
 use csbrdf::encode::Encoder;
-use csbrdf::format::Limits;
 use csbrdf::table::Table;
 use csbrdf::table::grid::Grid;
 use csbrdf::table::synth::Recipe;

@@ -17,10 +17,10 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::time::{Duration, Instant};
 
+use csbrdf::Limits;
 use csbrdf::codec::sample::SplitMix64;
 use csbrdf::decode::{PrunedPolicy, Reader};
 use csbrdf::edit::salvage::{repair, salvage};
-use csbrdf::format::Limits;
 use rayon::prelude::*;
 
 /// Counts what each thread holds.

@@ -5,8 +5,8 @@
 //! [`Brdf::eval`](crate::Brdf::eval).
 
 use crate::base::error::{Error, Result};
+use crate::base::limits::check_block;
 use crate::codec::sample::{Sampling, block_seed, sample_positions};
-use crate::format::check_block;
 use crate::table::block::{Partition, unravel};
 use crate::table::coords::{HalfDiff, directions};
 use crate::table::grid::{AxisName, Grid};

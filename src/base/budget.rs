@@ -8,7 +8,7 @@ use std::ops::Deref;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::base::error::{Error, Result};
-use crate::format::Limits;
+use crate::base::limits::Limits;
 
 /// Operations that a call gets for each byte of the file, beside those that every call gets: large files are large work.
 const OPERATIONS_A_BYTE: u64 = 1 << 12;

@@ -3,6 +3,8 @@
 use std::fmt;
 use std::path::PathBuf;
 
+use super::version::{DRAFTS, VERSION};
+
 /// What went wrong, where, and what to do about it.
 #[derive(Debug)]
 #[non_exhaustive]
@@ -48,7 +50,7 @@ pub enum Error {
         /// Its number.
         block: usize,
     },
-    /// A size is beyond the limits that the caller set ([`crate::format::Limits`]).
+    /// A size is beyond the limits that the caller set ([`crate::base::limits::Limits`]).
     LimitExceeded {
         /// Name of the limited quantity.
         what: &'static str,
@@ -113,7 +115,7 @@ impl fmt::Display for Error {
                 if *draft != 0 {
                     write!(f, " draft {draft}")?;
                 }
-                let ((m, ..), drafts) = (crate::format::VERSION, crate::format::DRAFTS);
+                let ((m, ..), drafts) = (VERSION, DRAFTS);
                 let (oldest, newest) = (drafts.start(), drafts.end());
                 write!(
                     f,

@@ -8,7 +8,7 @@
 //! level. The encoder's may, and then differ by rounding between levels, never between threads or runs.
 
 #[cfg(feature = "encode")]
-use crate::codec::fourier::forward::Real;
+use crate::base::real::Real;
 
 /// What can run at any level. `FUSED`: multiply-adds are one instruction, with one rounding.
 pub(crate) trait Task {

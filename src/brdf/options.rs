@@ -11,7 +11,7 @@ use crate::base::budget::Budget;
 use crate::base::bytes::Bytes;
 use crate::base::error::{Error, Result};
 use crate::decode::{PrunedPolicy, Reader};
-use crate::format::Limits;
+use crate::base::limits::Limits;
 use crate::table::coords::{Lookup, grid_coordinates};
 
 /// How to open a file for evaluation: limits, cache, lookup, what pruned blocks give.

@@ -122,8 +122,8 @@ impl Touched {
         let numbers = numbers.and_then(|(n, crc)| Some((n.parse().ok()?, u32::from_str_radix(crc, 16).ok()?)));
         let (count, index_crc): (usize, u32) =
             numbers.ok_or_else(|| corrupt(at, format!("`{}` is not `blocks N index X`", excerpt(&line))))?;
-        if count > crate::format::MAX_BLOCKS {
-            return Err(corrupt(at, format!("{count} blocks, a file has {} at most", crate::format::MAX_BLOCKS)));
+        if count > crate::base::limits::MAX_BLOCKS {
+            return Err(corrupt(at, format!("{count} blocks, a file has {} at most", crate::base::limits::MAX_BLOCKS)));
         }
         let mut blocks = filled(false, count)?;
         let mut next = 0;

@@ -1,7 +1,7 @@
 //! Channel transform: what the colour channels share is coded once (spec section 4.1).
 
 #[cfg(feature = "encode")]
-use crate::codec::fourier::forward::Real;
+use crate::base::real::Real;
 
 /// A transform over the channels of each position, in the log domain.
 #[derive(Clone, Debug, PartialEq)]

@@ -10,9 +10,11 @@ use self::add::Add;
 use crate::base::budget::filled;
 use crate::base::portable::sin_cos;
 use crate::base::simd::Level;
-use crate::format::profile::TABLES;
 use crate::table::block::Block;
 use crate::table::grid::{AxisName, Grid};
+
+/// Tables of a profile: over theta_h even and odd, over theta_d even and odd.
+pub(crate) const TABLES: usize = 4;
 
 /// Tables of a profile and the angles of the grid that it is for.
 #[derive(Debug)]

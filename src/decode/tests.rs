@@ -135,7 +135,7 @@ fn probabilities_out_of_range_are_an_error_of_the_first_block() {
             section.extend([0; 60]);
         }
     }
-    let bytes = directory::write_file(VERSION, &sections);
+    let bytes = crate::format::file::write_file(VERSION, &sections);
     let reader = Reader::open(&bytes[..]).unwrap();
     let mut values = vec![0.0; reader.block_values(1).unwrap()];
     let named = |e: &Error| matches!(e, Error::Corrupt { section, .. } if *section == directory::PROBABILITIES);

@@ -27,8 +27,8 @@ use std::borrow::Cow;
 use std::ops::Range;
 
 use crate::base::error::Result;
+use crate::base::limits::Limits;
 use crate::decode::Reader;
-use crate::format::Limits;
 use crate::format::directory::Directory;
 use crate::table::block::Block;
 pub use evidence::WANTED;

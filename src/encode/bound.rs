@@ -2,7 +2,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::codec::entropy::MAX_MAGNITUDE;
-use crate::format::STEP_RANGE;
+use crate::base::limits::STEP_RANGE;
 
 /// Correction step in largest errors. Up to 2 would do; an entry is corrected where it is off by more than one error,
 /// and one step serves up to nearly three.

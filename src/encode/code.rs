@@ -15,14 +15,16 @@ use crate::codec::range::{Coder, Counter, Encoder};
 use crate::codec::zeros::code_zeros;
 use crate::decode::lossless::decode_bits;
 use crate::decode::{CONTEXTS, CORRECTIONS, Header, MASKS, Scratch, ZEROS, contexts, without_zeros};
-use crate::format::directory::{self, write_file, write_file_with_spare};
+use crate::format::directory;
+use crate::format::file::{write_file, write_file_with_spare};
 use crate::format::header::{Coding, write_coding, write_grid, write_partition};
 use crate::format::index::{Entry, encode_error, write_index};
 use crate::format::lossless::write_exact;
 use crate::format::probabilities::{decode_probability, encode_probability, write_probabilities};
 use crate::format::profile::{CodedProfile, write_profile};
 use crate::format::record::{Record, ValidityClass};
-use crate::format::{MAX_MEANS, VERSION};
+use crate::base::limits::MAX_MEANS;
+use crate::format::VERSION;
 use crate::table::Table;
 use crate::table::block::{Block, Partition};
 

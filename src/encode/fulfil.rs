@@ -14,7 +14,7 @@ use crate::assess::proof::{PICTURE, prove};
 use crate::assess::render::{Image, psnr, sphere_of_table};
 use crate::base::error::{Error, Result};
 use crate::decode::Reader;
-use crate::format::STEP_RANGE;
+use crate::base::limits::STEP_RANGE;
 use crate::table::Table;
 use crate::table::block::Partition;
 

@@ -6,7 +6,7 @@ use super::progress::Progress;
 use super::settings::{Blocks, Encoder};
 use super::sparse::shape;
 use crate::base::error::{Error, Result};
-use crate::format::check_block;
+use crate::base::limits::check_block;
 use crate::table::block::Partition;
 
 impl Prepared<'_> {

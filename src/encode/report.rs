@@ -1,6 +1,6 @@
 //! What an encode achieved.
 
-use crate::format::Limits;
+use crate::base::limits::Limits;
 
 /// What an encode achieved, measured with the decoder, and what it cost.
 #[derive(Clone, Debug, PartialEq)]

@@ -3,7 +3,7 @@
 //! Trials are whole encodes and few; both searches think in logarithms, where errors and sizes are almost straight lines.
 
 use crate::base::error::{Error, Result};
-use crate::format::STEP_RANGE;
+use crate::base::limits::STEP_RANGE;
 
 /// Logarithm of a step, and what its trial came to.
 type Point = (f64, f64);

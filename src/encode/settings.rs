@@ -6,7 +6,7 @@ use crate::base::error::{Error, Result};
 use crate::codec::fourier::Basis;
 use crate::codec::sample::Sampling;
 use crate::format::metadata::Metadata;
-use crate::format::{EPS_RANGE, STEP_RANGE};
+use crate::base::limits::{EPS_RANGE, STEP_RANGE};
 use crate::table::block::Partition;
 
 /// Rms error of the quantiser in steps, about: most coefficients are zero and lose what they are.

@@ -6,7 +6,8 @@ use crate::codec::channel::{ChannelTransform, MAX_MATRIX_CHANNELS};
 use crate::codec::dependent::Quantization;
 use crate::codec::fourier::Basis;
 use crate::codec::sample::Sampling;
-use crate::format::{EPS_RANGE, MAX_CHANNELS, STEP_RANGE, check_block, is_compact, is_dependent};
+use crate::base::limits::{EPS_RANGE, MAX_CHANNELS, STEP_RANGE, check_block};
+use crate::format::{is_compact, is_dependent};
 use crate::table::block::Partition;
 use crate::table::grid::{Axis, AxisName, Channel, Grid, Mapping};
 

@@ -7,7 +7,7 @@ use crate::base::budget::with_room;
 use crate::base::error::{Error, Result};
 use crate::codec::entropy::{MAX_MAGNITUDE, code_low_bits};
 use crate::codec::range::{Coder, Decoder};
-use crate::format::MAX_MEANS;
+use crate::base::limits::MAX_MEANS;
 use crate::format::directory::Section;
 use crate::table::block::Partition;
 

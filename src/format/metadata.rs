@@ -10,7 +10,7 @@ mod present {
     use crate::base::bits::ByteReader;
     use crate::base::error::{Error, Result};
     use crate::base::excerpt::excerpt;
-    use crate::format::{MAX_METADATA, MAX_METADATA_OBJECTS};
+    use crate::base::limits::{MAX_METADATA, MAX_METADATA_OBJECTS};
 
     /// Provenance of a file. All fields are optional; unknown keys are kept in `other`.
     #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

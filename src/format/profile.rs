@@ -7,16 +7,12 @@ use crate::base::simd::Level;
 use crate::codec::dependent::Quantization;
 use crate::codec::entropy::{self, Coefficients, MAX_MAGNITUDE, Walk};
 use crate::codec::fourier::{Basis, Lines, Synthesis};
-use crate::codec::profile::{Profile, bins};
+use crate::base::limits::MAX_KNOTS;
+use crate::codec::profile::{Profile, TABLES, bins};
 use crate::codec::quantize::dequantize_mean;
 use crate::codec::range::Decoder;
-use crate::format::{MAX_BLOCK_AXIS, STEP_RANGE, check_block};
+use crate::base::limits::{MAX_BLOCK_AXIS, STEP_RANGE, check_block};
 use crate::table::grid::Grid;
-
-/// Tables of a profile: over theta_h even and odd, over theta_d even and odd.
-pub(crate) const TABLES: usize = 4;
-/// Most knots of a table along the elevation.
-pub(crate) const MAX_KNOTS: usize = 64;
 
 const NO_MEMORY: &str = "no memory for its tables";
 const NO_AXES: &str = "a profile needs the axes theta_h, theta_d, phi_d in this order";

@@ -10,7 +10,7 @@ mod shares;
 pub(crate) use self::memory::{Place, Target};
 pub(crate) use self::shares::Shares;
 use crate::base::error::{Error, Result};
-use crate::format::{MAX_AXIS_LEN, MAX_BLOCK_AXIS, MAX_BLOCK_POSITIONS, MAX_BLOCKS, MAX_POSITIONS, MAX_TABLE_ENTRIES};
+use crate::base::limits::{MAX_AXIS_LEN, MAX_BLOCK_AXIS, MAX_BLOCK_POSITIONS, MAX_BLOCKS, MAX_POSITIONS, MAX_TABLE_ENTRIES};
 
 /// A box of grid positions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

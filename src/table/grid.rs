@@ -1,7 +1,7 @@
 //! The sampling grid of a table: named angular axes and channels.
 
 use crate::base::error::{Error, Result};
-use crate::format::{MAX_ANGLE, MAX_AXES, MAX_AXIS_LEN, MAX_CHANNEL_NAME, MAX_CHANNELS, MAX_POSITIONS};
+use crate::base::limits::{MAX_ANGLE, MAX_AXES, MAX_AXIS_LEN, MAX_CHANNEL_NAME, MAX_CHANNELS, MAX_POSITIONS};
 
 /// What an axis of the grid measures. All angles are in radians.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

@@ -1,10 +1,10 @@
 //! What this decoder makes of a file, as a line for `tools/differential.py`, which has the decoder that was written from the specification
 //! alone say the same of it.
 
+use csbrdf::Limits;
 use csbrdf::base::error::Error;
 use csbrdf::codec::sample::SplitMix64;
 use csbrdf::decode::{PrunedPolicy, Reader};
-use csbrdf::format::Limits;
 
 use super::recipe;
 

@@ -30,7 +30,7 @@ pub mod stale;
 pub mod structured;
 pub mod trace;
 
-use csbrdf::format::Limits;
+use csbrdf::Limits;
 
 type Body = fn(&[u8]);
 

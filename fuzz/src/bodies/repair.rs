@@ -6,11 +6,11 @@
 use std::ops::Range;
 use std::sync::OnceLock;
 
+use csbrdf::Limits;
 use csbrdf::base::error::Error;
 use csbrdf::codec::sample::SplitMix64;
 use csbrdf::decode::{PrunedPolicy, Reader};
 use csbrdf::edit::salvage::{Damage, Outcome, Salvaged, repair, salvage_with_limits};
-use csbrdf::format::Limits;
 use csbrdf::format::metadata::Metadata;
 
 use super::golden::GOLDEN;

@@ -18,16 +18,15 @@ mod axis;
 mod conjugate;
 mod dense;
 mod long;
-mod real;
 mod sampled;
 
+use crate::base::real::Real;
 use super::Basis;
 use crate::base::simd::Level;
 use axis::{Along, Scratch};
 use conjugate::{Combine, Conjugates};
 use dense::Dense;
 use long::Long;
-pub use real::Real;
 use sampled::{Columns, Gather, Spread};
 
 /// Longest axis transformed by dense products. Microseconds of a block, dense and by lines (with vector instructions then): 10 x 15 x 60,

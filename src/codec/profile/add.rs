@@ -5,8 +5,8 @@
 //! without a root, for the whole row or for steps of it. Steps that are alike go together.
 
 use super::{LANES, Lanes, Profile, Row, STEP, place};
+use crate::base::limits::MAX_KNOTS;
 use crate::base::simd::Task;
-use crate::format::profile::MAX_KNOTS;
 use crate::table::block::Block;
 
 pub(super) struct Add<'a> {

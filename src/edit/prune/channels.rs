@@ -92,7 +92,8 @@ mod tests {
     use crate::edit::prune::Pruner;
     use crate::encode::contract::Contract;
     use crate::encode::{Channels, Encoder, Preset};
-    use crate::format::directory::{self, write_file};
+    use crate::format::directory;
+    use crate::format::file::write_file;
     use crate::format::header::write_coding;
     use crate::table::Table;
     use crate::table::grid::{Axis, AxisName, Channel, Mapping};

@@ -18,6 +18,8 @@
 //!   it, or checksums of what it says. Records prove 8 bits at most: many do not use what is wrong.
 //! - **One bit of the section table**: the checksum and the length of the section whose entry it is, or the one value that a field can have.
 
+use super::Outcome;
+
 /// Bits of evidence from which on a mend is said to be certain.
 pub const WANTED: u32 = 32;
 
@@ -30,6 +32,16 @@ pub(super) fn of_one_bit(unvouched: u64, span: u64) -> u32 {
 /// Bits that it takes to name one of `n`, rounded up.
 pub(super) fn bits_to_choose(n: u64) -> u32 {
     u64::BITS - n.saturating_sub(1).leading_zeros()
+}
+
+/// What becomes of a mend with this many bits of evidence.
+pub(super) fn outcome(bits: u32) -> Outcome {
+    if bits >= WANTED { Outcome::Restored } else { Outcome::Assumed { bits } }
+}
+
+/// Bits of evidence that a checksum alone gives for one flipped bit among `bytes` bytes.
+pub(super) fn evidence_of_bit(bytes: usize) -> u32 {
+    32u32.saturating_sub(bits_to_choose(8 * bytes as u64))
 }
 
 #[cfg(test)]

@@ -2,8 +2,7 @@
 
 use std::borrow::Cow;
 
-use super::evidence::{WANTED, of_one_bit};
-use super::gather::{evidence_of_bit, outcome};
+use super::evidence::{WANTED, evidence_of_bit, of_one_bit, outcome};
 use super::mend::one_bit;
 use super::{Damage, Outcome, Salvaged};
 use crate::base::budget::filled;

@@ -2,17 +2,19 @@
 
 use std::ops::Range;
 
-use super::evidence::{WANTED, bits_to_choose};
+use super::evidence::{WANTED, evidence_of_bit, outcome};
 use super::head::{self, Head, Mended, Table};
 use super::index::Records;
 use super::{Damage, MIN_RECORD, Options, Outcome, Salvaged, exact, usual};
 use crate::base::budget::{Budget, with_room};
 use crate::base::error::{Error, Result};
+use crate::base::limits::MAX_MEANS;
+use crate::base::version::FINAL;
 use crate::decode::{Header, PrunedPolicy, Reader, Scratch, read_header};
 use crate::format::directory::{self, Directory, Section};
 use crate::format::index::{Entry, Index, LOST};
+use crate::format::is_compact;
 use crate::format::record::{ValidityClass, checksum};
-use crate::format::{FINAL, MAX_MEANS, is_compact};
 use crate::table::block::Partition;
 
 /// Blocks that are given out beside those that the bytes of the file have room for: lost ones take memory as well.
@@ -399,16 +401,6 @@ impl Gathering<'_> {
 }
 
 const EMPTY: Section = Section { id: *b"RECS", skippable: false, range: 0..0, crc: 0 };
-
-/// What so much evidence is worth.
-pub(super) fn outcome(bits: u32) -> Outcome {
-    if bits >= WANTED { Outcome::Restored } else { Outcome::Assumed { bits } }
-}
-
-/// Evidence for one flipped bit of so many bytes that a checksum alone gives.
-pub(super) fn evidence_of_bit(bytes: usize) -> u32 {
-    32u32.saturating_sub(bits_to_choose(8 * bytes as u64))
-}
 
 /// The error of a file of which nothing can be decoded.
 fn needed(name: &'static str, section: &Section) -> Error {

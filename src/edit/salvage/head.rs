@@ -5,8 +5,9 @@ use std::ops::Range;
 use super::mend::one_bit;
 use crate::base::bits::ByteReader;
 use crate::base::error::{Error, Result};
+use crate::base::limits::MAX_SECTIONS;
 use crate::format::directory::{self, Directory, ENTRY, PREAMBLE, Section, table_crc};
-use crate::format::{END_MARKER, MAGIC, MAX_SECTIONS, reads_version, spare};
+use crate::format::{END_MARKER, MAGIC, reads_version, spare};
 
 /// What errors and lists of damage call it.
 pub(super) const TABLE: &str = "section table";

@@ -5,11 +5,14 @@ use serde_json::json;
 use super::head::TABLE;
 use super::{Options, Outcome, Salvaged, salvage_with};
 use crate::base::error::{Error, Result};
+use crate::base::limits::Limits;
+use crate::base::version::FINAL;
 use crate::decode::Reader;
-use crate::format::directory::{self, write_file, write_file_with_spare};
+use crate::format::directory;
+use crate::format::file::{write_file, write_file_with_spare};
 use crate::format::index::{Entry, write_index};
+use crate::format::is_dependent;
 use crate::format::metadata::Metadata;
-use crate::format::{FINAL, Limits, is_dependent};
 
 /// A repaired file.
 pub struct Repaired {

@@ -16,12 +16,12 @@ use crate::codec::dependent::Quantization;
 use crate::codec::entropy::{self, Walk};
 use crate::codec::fourier::Basis;
 use crate::codec::fourier::forward::Transform;
-use crate::codec::profile::{Profile, bins, place};
+use crate::codec::profile::{Profile, TABLES, bins, place};
 use crate::codec::quantize::{Quantizer, quantize_mean};
 use crate::codec::range::Encoder;
 use crate::encode::effort::{Effort, ProfileStage};
-use crate::format::profile::{CodedProfile, TABLES};
-use crate::format::{MAX_BLOCK_AXIS, check_block};
+use crate::format::profile::CodedProfile;
+use crate::base::limits::{MAX_BLOCK_AXIS, check_block};
 use crate::table::grid::Grid;
 
 /// Knots along the elevation, and where the profile ends; within 2 % for zones of .12 to .5 and 16 to 32 knots.

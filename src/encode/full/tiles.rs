@@ -15,7 +15,7 @@ use crate::codec::range::{Costs, Counter};
 use crate::encode::effort::Effort;
 use crate::encode::progress::Progress;
 use crate::encode::settings::Encoder;
-use crate::format::check_block;
+use crate::base::limits::check_block;
 use crate::format::profile::write_profile;
 use crate::table::block::{Block, Partition};
 use crate::table::grid::Grid;

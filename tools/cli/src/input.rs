@@ -4,8 +4,9 @@ use std::path::Path;
 use std::sync::OnceLock;
 
 pub use csbrdf::Bytes;
+use csbrdf::Limits;
 use csbrdf::decode::{PrunedPolicy, Reader};
-use csbrdf::format::{Limits, MAGIC};
+use csbrdf::format::MAGIC;
 use csbrdf::io::merl::read_merl;
 use csbrdf::table::Table;
 

@@ -38,7 +38,7 @@ use std::process::ExitCode;
 use clap::Parser;
 
 use args::{Cli, Command};
-use csbrdf::format::Limits;
+use csbrdf::Limits;
 use failure::{Failure, Outcome, note};
 
 fn main() -> ExitCode {

@@ -1,7 +1,7 @@
 //! One axis of a block: all its lines, in groups that fill the vectors.
 
 use super::dense::{Dense, Lanes, Place};
-use super::real::Real;
+use crate::base::real::Real;
 use crate::base::simd::Task;
 
 /// Scratch of dense axes. `WIDE` lanes of a group are two vectors of AVX2, so that every entry of a matrix that is loaded

@@ -9,7 +9,7 @@
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
-use super::real::Real;
+use crate::base::real::Real;
 use crate::base::simd::Task;
 use crate::codec::fourier::partners;
 

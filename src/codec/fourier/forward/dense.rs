@@ -7,7 +7,7 @@
 use std::f64::consts::PI;
 use std::ops::Range;
 
-use super::real::Real;
+use crate::base::real::Real;
 use crate::base::simd::multiply_add;
 use crate::codec::fourier::Basis;
 

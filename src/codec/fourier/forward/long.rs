@@ -10,7 +10,7 @@ use rustdct::{Dct2, Dct3, RequiredScratch};
 use rustfft::num_complex::Complex;
 use rustfft::{Fft, FftPlannerScalar};
 
-use super::real::Real;
+use crate::base::real::Real;
 use crate::codec::fourier::Basis;
 
 /// An axis of length n with the scratch of its plans.

@@ -1,7 +1,7 @@
 //! The last axis where few positions are sampled: a product per sample instead of one per line.
 
 use super::dense::value;
-use super::real::Real;
+use crate::base::real::Real;
 use crate::base::simd::{Task, multiply_add};
 use crate::codec::fourier::Basis;
 

@@ -12,8 +12,8 @@ fn whole_numbers(text: &str, least: usize) -> Result<List, String> {
         .map(|part| part.trim().parse().ok().filter(|n| *n >= least))
         .collect::<Option<_>>()
         .ok_or_else(|| format!("expected whole numbers from {least} up, with commas between them"))?;
-    if numbers.len() > csbrdf::format::MAX_AXES {
-        return Err(format!("{} numbers, tables have at most {} axes", numbers.len(), csbrdf::format::MAX_AXES));
+    if numbers.len() > csbrdf::base::limits::MAX_AXES {
+        return Err(format!("{} numbers, tables have at most {} axes", numbers.len(), csbrdf::base::limits::MAX_AXES));
     }
     Ok(List(numbers))
 }

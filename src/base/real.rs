@@ -1,4 +1,4 @@
-//! The precisions of the transforms.
+//! The precisions that transforms and vector code run in.
 
 use rustdct::DctNum;
 
