@@ -118,5 +118,6 @@ pub use format::metadata::Metadata;
 pub use table::Table;
 pub use table::coords::Lookup;
 pub use table::grid::{Axis, AxisName, Channel, Grid, Mapping};
+pub use table::parameterization::Parameterization;
 #[cfg(feature = "encode")]
 pub use table::synth;

@@ -23,8 +23,9 @@ use crate::assess::plan::Plan;
 use crate::base::error::{Error, Result};
 use crate::base::excerpt::excerpt;
 use crate::table::Table;
-use crate::table::coords::{Lookup, grid_coordinates, taps};
-use crate::table::grid::{AxisName, Grid, MERL_SCALE};
+use crate::table::coords::{Lookup, taps};
+use crate::table::grid::{Grid, MERL_SCALE};
+use crate::table::parameterization::Parameterization;
 
 const NAME: &str = "list of measurements";
 
@@ -133,7 +134,8 @@ pub fn read_samples(data: &[u8], grid: Option<Grid>) -> Result<Samples> {
     }
     let mut reader =
         ReaderBuilder::new().has_headers(false).flexible(true).comment(Some(b'#')).trim(Trim::All).from_reader(data);
-    let mut row = Row { data, grid: &grid, columns: Columns::default(), record: ByteRecord::new() };
+    let parameterization = Parameterization::of(&grid)?;
+    let mut row = Row { data, grid: &grid, parameterization, columns: Columns::default(), record: ByteRecord::new() };
     if !row.next(&mut reader)? {
         return Err(Error::corrupt(NAME, 0, "is empty; begin it with a row of column names, as csbrdf plan does"));
     }
@@ -192,6 +194,7 @@ struct Columns {
 struct Row<'a> {
     data: &'a [u8],
     grid: &'a Grid,
+    parameterization: Parameterization,
     columns: Columns,
     record: ByteRecord,
 }
@@ -353,17 +356,17 @@ impl Row<'_> {
     fn bin_of_half_diff(&self, at: [usize; 3]) -> Result<usize> {
         let mut coordinates = [0.5; 4];
         for (i, axis) in self.grid.axes().iter().enumerate() {
-            let azimuth = axis.name == AxisName::PhiD;
-            let (least, most) = if azimuth { (-360.0, 360.0) } else { (0.0, 90.0) };
+            let period = self.parameterization.period(i);
+            let (least, most) = if period.is_some() { (-360.0, 360.0) } else { (0.0, 90.0) };
             let angle = self.number(at[i], HALF_DIFF[i], least, most)?.to_radians();
             // phi_d of half a turn repeats by reciprocity.
-            coordinates[i + 1] = axis.coordinate(if azimuth { angle.rem_euclid(axis.end) } else { angle });
+            coordinates[i + 1] = axis.coordinate(period.map_or(angle, |period| angle.rem_euclid(period)));
         }
         Ok(taps(self.grid, coordinates, Lookup::Nearest).as_slice()[0].0)
     }
 
     fn bin_of_directions(&self, wi: [f64; 3], wo: [f64; 3], name: &str) -> Result<usize> {
-        match grid_coordinates(self.grid, wi, wo) {
+        match self.parameterization.coordinates(wi, wo) {
             Some(coordinates) => Ok(taps(self.grid, coordinates, Lookup::Nearest).as_slice()[0].0),
             None => {
                 Err(self.bad(format!("{name} are below the horizon, zero or opposite; give directions with z above 0")))
