@@ -172,6 +172,16 @@ pub fn read_samples(data: &[u8], grid: Option<Grid>) -> Result<Samples> {
     Ok(Samples { table: Table::from_values(grid, sums)?, rows, bins, unmeasured, repeated })
 }
 
+/// Whether the column names that text begins with are those of a list.
+pub(super) fn is_list(head: &[u8]) -> bool {
+    let head = head.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(head);
+    let mut lines = head.split(|b| *b == b'\n').map(<[u8]>::trim_ascii);
+    let names = lines.find(|line| !line.is_empty() && !line.starts_with(b"#")).unwrap_or_default();
+    let known = [BINS[0], HALF_DIFF[0], VECTORS[0], INSTRUMENT[0]];
+    let is_known = |name: &[u8]| known.iter().any(|known| name.trim_ascii().eq_ignore_ascii_case(known.as_bytes()));
+    names.contains(&b',') && names.split(|b| *b == b',').any(is_known)
+}
+
 /// The bins of phi_d that the comments at the start name.
 fn commented_grid(data: &[u8]) -> Option<usize> {
     let comments = data.split(|b| *b == b'\n').take_while(|line| line.starts_with(b"#"));
