@@ -127,7 +127,8 @@ pub struct Report {
     pub sampled: usize,
     /// Entries that were corrected, to keep a largest error.
     pub corrected: usize,
-    /// Quantiser step.
+    /// The step that was asked for, or that a contract led to ([`Encoder::quality`]). With dependent quantisation the file's own is
+    /// 0.65 of it.
     pub step: f32,
     /// Blocks.
     pub blocks: usize,
@@ -259,7 +260,8 @@ impl Encoder {
     }
 
     /// Quantiser step in the log domain: smaller is better and larger. The rms error of a noiseless table comes to
-    /// about a tenth of it.
+    /// about a tenth of it. Where every entry is a sample, quantisation is dependent, and the file's step is 0.65 of this:
+    /// every other multiple of it is allowed, at about the same error.
     pub fn quality(self, step: f32) -> Encoder {
         Encoder { step, ..self }
     }
