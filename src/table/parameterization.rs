@@ -32,7 +32,6 @@ use crate::table::grid::{Axis, Grid};
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Parameterization {
-    axes: Vec<Axis>,
     kind: Kind,
 }
 
@@ -40,6 +39,14 @@ pub struct Parameterization {
 trait Angles {
     /// What it is, for people.
     fn name(&self) -> &'static str;
+
+    /// The axes of its grid.
+    fn axes(&self) -> &[Axis];
+
+    /// The period of an axis whose first and last bins are neighbours.
+    fn period(&self, axis: usize) -> Option<f64> {
+        self.axes().get(axis).filter(|axis| closes(axis)).map(|axis| axis.end - axis.start)
+    }
 
     /// Where a pair falls; `None` where it has no place.
     fn coordinates(&self, wi: [f64; 3], wo: [f64; 3]) -> Option<[f64; 4]>;
@@ -112,7 +119,7 @@ impl Parameterization {
     /// `InvalidArgument`, with the names of the axes, if one of them has no angular meaning ([`AxisName::Other`](crate::AxisName::Other)).
     pub fn of(grid: &Grid) -> Result<Parameterization> {
         let kind = Kind::of(grid).ok_or_else(|| no_directions(grid))?;
-        Ok(Parameterization { axes: grid.axes().to_vec(), kind })
+        Ok(Parameterization { kind })
     }
 
     /// A name for people, such as "half and difference angles".
@@ -167,7 +174,7 @@ impl Parameterization {
     /// The period of an axis (number in the grid) whose first and last bins are neighbours, radians; `None` for others, and
     /// if there is no such axis. It is the whole turn, or half of it for a phi_d that reciprocity folds.
     pub fn period(&self, axis: usize) -> Option<f64> {
-        self.axes.get(axis).filter(|axis| closes(axis)).map(|axis| axis.end - axis.start)
+        self.kind.angles().period(axis)
     }
 
     /// Whether exchanging light and view never changes the coordinates: phi_d covers half a turn, or there is none.

@@ -78,6 +78,10 @@ impl Angles for HalfDifference {
         "half and difference angles"
     }
 
+    fn axes(&self) -> &[Axis] {
+        &self.axes
+    }
+
     #[inline]
     fn coordinates(&self, wi: [f64; 3], wo: [f64; 3]) -> Option<[f64; 4]> {
         let pair = Pair::new(wi, wo)?;

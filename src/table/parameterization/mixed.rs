@@ -27,6 +27,10 @@ impl Angles for Mixed {
         "half and difference angles mixed with angles of the directions"
     }
 
+    fn axes(&self) -> &[Axis] {
+        &self.axes
+    }
+
     fn coordinates(&self, wi: [f64; 3], wo: [f64; 3]) -> Option<[f64; 4]> {
         let pair = Pair::new(wi, wo)?;
         let mut coordinates = [0.5; 4];

@@ -43,6 +43,10 @@ impl Angles for Spherical {
         "elevations and azimuths of the directions"
     }
 
+    fn axes(&self) -> &[Axis] {
+        &self.axes
+    }
+
     #[inline]
     fn coordinates(&self, wi: [f64; 3], wo: [f64; 3]) -> Option<[f64; 4]> {
         let Pair { wi, wo, .. } = Pair::new(wi, wo)?;
