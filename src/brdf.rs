@@ -17,6 +17,7 @@ use crate::base::error::Result;
 use crate::decode::Reader;
 use crate::decode::point::Sparse;
 use crate::table::coords::Lookup;
+use crate::table::parameterization::Parameterization;
 use cache::{Cached, Scratches};
 use importance::Importance;
 use touched::Touched;
@@ -56,8 +57,8 @@ pub struct Brdf {
     budget: Budget<'static>,
     /// Operations that a look-up brings with it.
     free: u64,
-    /// Why directions have no place on the file's grid, if they have none.
-    no_directions: Option<String>,
+    /// `None` if directions have no place on the file's grid.
+    parameterization: Option<Parameterization>,
     /// What draws directions, once somebody asked for it; made by one thread.
     importance: OnceLock<Importance>,
     making: Mutex<()>,

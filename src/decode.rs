@@ -3,6 +3,7 @@
 #[cfg(all(test, feature = "encode"))]
 mod bombs;
 mod buffer;
+mod coefficients;
 mod contents;
 mod cost;
 pub(crate) mod lossless;
@@ -31,6 +32,7 @@ use crate::format::{is_compact, may_double, may_prune};
 use crate::table::block::{Block, Partition, Place, Target};
 use crate::table::grid::Grid;
 
+pub use self::coefficients::Spectrum;
 pub use self::contents::{BlockInfo, Origin};
 pub use self::rebuild::Scratch;
 #[cfg(feature = "encode")]

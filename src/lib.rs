@@ -77,9 +77,10 @@ pub mod edit;
 #[cfg(feature = "encode")]
 pub mod io;
 
-/// Where blocks lie, and what a file says of them.
+/// Where blocks lie, what a file says of them, and what they are synthesised from.
 pub mod block {
-    pub use crate::decode::{BlockInfo, Origin, Scratch, State};
+    pub use crate::codec::fourier::Basis;
+    pub use crate::decode::{BlockInfo, Origin, Scratch, Spectrum, State};
     pub use crate::table::block::{Block, Partition};
 }
 
@@ -118,5 +119,6 @@ pub use format::metadata::Metadata;
 pub use table::Table;
 pub use table::coords::Lookup;
 pub use table::grid::{Axis, AxisName, Channel, Grid, Mapping};
+pub use table::parameterization::Parameterization;
 #[cfg(feature = "encode")]
 pub use table::synth;

@@ -4,6 +4,7 @@ pub mod block;
 pub mod coords;
 pub mod grid;
 pub(crate) mod horizon;
+pub mod parameterization;
 #[cfg(feature = "encode")]
 pub mod synth;
 

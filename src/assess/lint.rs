@@ -11,8 +11,8 @@ use crate::base::budget::Budget;
 use crate::base::error::Result;
 use crate::brdf::Brdf;
 use crate::decode::Reader;
-use crate::table::coords::closes;
-use crate::table::grid::{AxisName, Grid};
+use crate::table::grid::Grid;
+use crate::table::parameterization::Parameterization;
 #[cfg(feature = "encode")]
 use crate::{assess::render::Texels, table::Table, table::horizon::Horizon as Elevations};
 pub use measure::{Albedo, Deviation, Horizon};
@@ -155,11 +155,6 @@ fn work_of_lookup(grid: &Grid) -> u64 {
 /// `InvalidArgument` if the axes of the table are not angles of directions.
 #[cfg(feature = "encode")]
 pub fn lint_table(table: &Table) -> Result<Findings> {
-    let up = [0.0, 0.0, 1.0];
-    if crate::table::coords::grid_coordinates(table.grid(), up, up).is_none() {
-        let what = "the axes of the table do not say how directions map to the grid";
-        return Err(crate::Error::InvalidArgument(what.into()));
-    }
     let elevations = Elevations::new(table.grid());
     let mut shares = Shares::default();
     let positions = table.grid().positions();
@@ -188,13 +183,14 @@ fn look(
     shares: Shares,
     mut eval: impl FnMut([f64; 3], [f64; 3], &mut [f32]) -> Result<()>,
 ) -> Result<Findings> {
+    let parameterization = Parameterization::of(grid)?;
     let channels: Vec<String> = grid.channels().iter().map(|c| c.name.clone()).collect();
-    let azimuths = if is_isotropic(grid) { 1 } else { measure::AZIMUTHS };
+    let azimuths = if parameterization.is_isotropic() { 1 } else { measure::AZIMUTHS };
     let mut look = measure::Look { channels: channels.len(), azimuths, eval: &mut eval };
     Ok(Findings {
         albedos: look.albedos()?,
         reciprocity: look.deviation(|wi, wo| (wo, wi))?,
-        is_reciprocal_by_grid: is_reciprocal(grid),
+        is_reciprocal_by_grid: parameterization.folds_by_reciprocity(),
         mirror: look.deviation(|wi, wo| (mirrored(wi), mirrored(wo)))?,
         horizon: look.horizon()?,
         channels,
@@ -204,20 +200,6 @@ fn look(
 
 fn mirrored([x, y, z]: [f64; 3]) -> [f64; 3] {
     [x, -y, z]
-}
-
-/// Turning the surface changes nothing.
-fn is_isotropic(grid: &Grid) -> bool {
-    let has = |name| grid.find(name).is_some();
-    !(has(AxisName::PhiH) || has(AxisName::PhiI) && has(AxisName::PhiO))
-}
-
-/// Exchanging the directions, theta_h and theta_d stay and phi_d turns by pi: the grid must not tell these apart.
-fn is_reciprocal(grid: &Grid) -> bool {
-    let known = |name| matches!(name, AxisName::ThetaH | AxisName::PhiH | AxisName::ThetaD | AxisName::PhiD);
-    let phi_d = grid.find(AxisName::PhiD).map(|p| grid.axes()[p]);
-    let half_turn = |end: f64| end < 1.5 * std::f64::consts::PI;
-    grid.axes().iter().all(|a| known(a.name)) && phi_d.is_none_or(|a| closes(&a) && half_turn(a.end - a.start))
 }
 
 fn shares_of<D: AsRef<[u8]>>(reader: &Reader<D>, budget: &Budget) -> Result<Shares> {
@@ -235,7 +217,7 @@ fn shares_of<D: AsRef<[u8]>>(reader: &Reader<D>, budget: &Budget) -> Result<Shar
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::table::grid::{Axis, Mapping};
+    use crate::table::grid::{Axis, AxisName, Mapping};
     use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
     fn findings(eval: impl Fn([f64; 3], [f64; 3]) -> f64) -> Findings {
@@ -298,6 +280,9 @@ mod tests {
 
     #[test]
     fn grids_say_what_they_cannot_tell_apart() {
+        let of = |grid: &Grid| Parameterization::of(grid).unwrap();
+        let (is_reciprocal, is_isotropic) =
+            (|grid: &Grid| of(grid).folds_by_reciprocity(), |grid: &Grid| of(grid).is_isotropic());
         assert!(is_reciprocal(&Grid::merl()) && !is_reciprocal(&Grid::merl_360()) && is_isotropic(&Grid::merl()));
         let axis = |name, end| Axis { name, len: 8, mapping: Mapping::Linear, start: 0.0, end };
         let grid = |axes: &[Axis]| Grid::new(axes.to_vec(), Grid::rgb_channels([1.0; 3])).unwrap();

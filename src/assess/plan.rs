@@ -9,8 +9,9 @@ use crate::base::limits::check_block;
 use crate::codec::sample::{Sampling, block_seed, sample_positions};
 use crate::table::block::{Partition, unravel};
 use crate::table::coords::{HalfDiff, directions};
-use crate::table::grid::{AxisName, Grid};
+use crate::table::grid::Grid;
 use crate::table::horizon::Horizon;
+use crate::table::parameterization::Parameterization;
 
 /// Lowest `z` of a planned direction: 0.06 degrees above the horizon, so that no rounding puts it below.
 pub const LOWEST: f64 = 1e-3;
@@ -47,21 +48,20 @@ impl Measurement {
         [theta(self.wi), phi(self.wi), theta(self.wo), phi(self.wo)]
     }
 
-    /// The measurement of a bin: at its centre (bin coordinate `i + 0.5`, as [`crate::table::coords::grid_coordinates`]
+    /// The measurement of a bin: at its centre (bin coordinate `i + 0.5`, as [`Parameterization::coordinates`]
     /// counts) if both directions there are above the horizon by [`LOWEST`], else at the nearest of eight points from
     /// there to the bin's highest one; `None` if none of them is.
     fn of_bin(grid: &Grid, bin: [usize; 3]) -> Option<Measurement> {
-        let axes = half_diff_axes(grid).ok()?;
         let start: [f64; 3] = bin.map(|i| i as f64 + 0.5);
         // The horizon is farthest where theta_h and theta_d are small and phi_d is near a quarter turn.
         let mut highest = bin.map(|i| i as f64 + MARGIN);
-        let abs_cos = |u: f64| grid.axes()[axes[2]].angle(u).cos().abs();
+        let abs_cos = |u: f64| grid.axes()[2].angle(u).cos().abs();
         if abs_cos(start[2] + 0.5 - MARGIN) < abs_cos(highest[2]) {
             highest[2] = start[2] + 0.5 - MARGIN;
         }
         (0..=STEPS).find_map(|step| {
             let share = step as f64 / STEPS as f64;
-            let angle = |k: usize| grid.axes()[axes[k]].angle(start[k] + share * (highest[k] - start[k]));
+            let angle = |k: usize| grid.axes()[k].angle(start[k] + share * (highest[k] - start[k]));
             let angles = HalfDiff { theta_h: angle(0), phi_h: 0.0, theta_d: angle(1), phi_d: angle(2) };
             let (wi, wo) = directions(angles);
             (wi[2].min(wo[2]) >= LOWEST).then(|| Measurement { bin, angles, wi, wo }.turned())
@@ -82,13 +82,14 @@ impl Measurement {
     }
 }
 
-/// The axes theta_h, theta_d and phi_d of a grid that has these and no others, in this order.
-pub(crate) fn half_diff_axes(grid: &Grid) -> Result<[usize; 3]> {
-    let names: Vec<AxisName> = grid.axes().iter().map(|a| a.name).collect();
-    if names == [AxisName::ThetaH, AxisName::ThetaD, AxisName::PhiD] {
-        return Ok([0, 1, 2]);
+/// Fails unless the grid has the axes theta_h, theta_d and phi_d and no others, in this order.
+fn check_axes(grid: &Grid) -> Result<()> {
+    match Parameterization::grazing_axes(grid) {
+        Some(_) => Ok(()),
+        None => {
+            Err(Error::InvalidArgument("the grid must have the axes theta_h, theta_d, phi_d, as MERL's has".into()))
+        }
     }
-    Err(Error::InvalidArgument("the grid must have the axes theta_h, theta_d, phi_d, as MERL's has".into()))
 }
 
 /// The measurement of every position of the grid; `None` where no pair of directions above the horizon falls into the
@@ -100,7 +101,7 @@ pub(crate) fn half_diff_axes(grid: &Grid) -> Result<[usize; 3]> {
 /// # Errors
 /// `InvalidArgument` unless the axes are theta_h, theta_d, phi_d.
 pub fn measurable(grid: &Grid) -> Result<Vec<Option<Measurement>>> {
-    half_diff_axes(grid)?;
+    check_axes(grid)?;
     let horizon = Horizon::new(grid).expect("it has the axes");
     let at = |i: usize| {
         let position = unravel(i, grid.shape());
@@ -205,7 +206,8 @@ mod tests {
     use crate::decode::{Origin, Reader};
     use crate::encode::Encoder;
     use crate::table::Table;
-    use crate::table::coords::{Lookup, grid_coordinates, half_diff, taps};
+    use crate::table::coords::{Lookup, half_diff, taps};
+    use crate::table::parameterization::grid_coordinates;
     use proptest::prelude::*;
 
     fn small() -> Grid {

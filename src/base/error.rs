@@ -16,6 +16,8 @@ pub enum Error {
         /// What the first bytes look like instead.
         looks_like: &'static str,
     },
+    /// The bytes hold no table in an outside format that is read (`csbrdf::io`): what they look like, and what to do.
+    NotATable(String),
     /// A csbrdf file of a version that this build does not read.
     UnsupportedVersion {
         /// Major version, minor version and draft number of the file.
@@ -110,6 +112,7 @@ impl fmt::Display for Error {
             Error::NotCsbrdf { looks_like } => {
                 write!(f, "not a csbrdf file ({looks_like}); `csbrdf encode` makes one from a MERL .binary table")
             }
+            Error::NotATable(what) => write!(f, "{what}"),
             Error::UnsupportedVersion { found: (major, minor, draft) } => {
                 write!(f, "format version {major}.{minor}")?;
                 if *draft != 0 {

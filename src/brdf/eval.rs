@@ -7,8 +7,8 @@ use super::cache::Means;
 use crate::base::budget::Budget;
 use crate::base::error::{Error, Result};
 use crate::table::block::unravel;
-use crate::table::coords::{Around, BATCH, Batch, batch_coordinates, grid_coordinates, neighbours};
-use crate::table::grid::AxisName;
+use crate::table::coords::{Around, BATCH, Batch, neighbours};
+use crate::table::parameterization::{Parameterization, no_directions};
 
 /// Values of a block whose rebuilding takes about as long as one look-up from its coefficients: 6 ns a value, 10 us.
 const VALUES_A_LOOKUP: usize = 2048;
@@ -41,13 +41,12 @@ impl Brdf {
         if value.len() != channels {
             return Err(Error::InvalidArgument(format!("the file has {channels} channels, not {}", value.len())));
         }
-        self.check_directions()?;
-        self.at(grid_coordinates(grid, wi, wo), value, self.means())
+        self.at(self.directions()?.coordinates(wi, wo), value, self.means())
     }
 
     /// As [`Brdf::eval_into`], all of it on the budget of a call that makes many look-ups.
     pub(crate) fn eval_within(&self, budget: &Budget, wi: [f64; 3], wo: [f64; 3], value: &mut [f32]) -> Result<()> {
-        self.at(grid_coordinates(self.reader.grid(), wi, wo), value, Means { budget, free: 0 })
+        self.at(self.directions()?.coordinates(wi, wo), value, Means { budget, free: 0 })
     }
 
     /// Whether the file's axes are angles of directions, so that it can be evaluated; they always are but with
@@ -56,7 +55,15 @@ impl Brdf {
     /// # Errors
     /// `InvalidArgument`, with the axes' names, if they are not.
     pub fn check_directions(&self) -> Result<()> {
-        self.no_directions.as_ref().map_or(Ok(()), |why| Err(Error::InvalidArgument(why.clone())))
+        self.directions().map(|_| ())
+    }
+
+    /// How directions map to the file's grid.
+    fn directions(&self) -> Result<&Parameterization> {
+        match &self.parameterization {
+            Some(parameterization) => Ok(parameterization),
+            None => Err(no_directions(self.reader.grid())),
+        }
     }
 
     /// What look-ups of callers draw on.
@@ -79,10 +86,8 @@ impl Brdf {
                 values.len()
             )));
         }
-        self.check_directions()?;
-        let of_half =
-            grid.axes().iter().all(|a| matches!(a.name, AxisName::ThetaH | AxisName::ThetaD | AxisName::PhiD));
-        if !of_half {
+        let parameterization = self.directions()?;
+        if !parameterization.takes_batches() {
             let pairs = wi.iter().zip(wo).zip(values.chunks_exact_mut(channels));
             return pairs.into_iter().try_for_each(|((wi, wo), value)| self.eval_into(*wi, *wo, value));
         }
@@ -91,7 +96,7 @@ impl Brdf {
         for ((wi, wo), values) in pairs {
             batch.fill(wi, wo);
             for (i, value) in values.chunks_exact_mut(channels).enumerate() {
-                self.at(batch_coordinates(grid, &batch, i, wi[i], wo[i]), value, means)?;
+                self.at(parameterization.batch_coordinates(&batch, i, wi[i], wo[i]), value, means)?;
             }
         }
         Ok(())
@@ -257,11 +262,12 @@ mod tests {
     use super::super::BrdfOptions;
     use super::super::cache::SPARSE_SHARE;
     use super::*;
+    use crate::table::parameterization::grid_coordinates;
     use crate::codec::sample::SplitMix64;
     use crate::encode::Encoder;
     use crate::table::Table;
     use crate::table::coords::{HalfDiff, Lookup, directions, taps};
-    use crate::table::grid::{Axis, Grid, Mapping};
+    use crate::table::grid::{Axis, AxisName, Grid, Mapping};
     use crate::table::synth::Recipe;
     use std::f64::consts::{FRAC_PI_2, PI};
 

@@ -78,14 +78,16 @@ impl Brdf {
     /// # Errors
     /// `Corrupt` if a block is damaged, `LimitExceeded` if the table is above the caller's limit or takes more than a call may.
     pub fn importance(&self) -> Result<&Importance> {
-        if self.importance.get().is_none() {
-            // Others wait: the file is decoded once.
-            let _making = self.making.lock().unwrap_or_else(PoisonError::into_inner);
-            if self.importance.get().is_none() {
-                let _ = self.importance.set(Importance::new(&self.reader)?);
-            }
+        if let Some(made) = self.importance.get() {
+            return Ok(made);
         }
-        Ok(self.importance.get_or_init(Importance::cosine))
+        // Others wait: the file is decoded once.
+        let _making = self.making.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(made) = self.importance.get() {
+            return Ok(made);
+        }
+        let new = Importance::new(&self.reader)?;
+        Ok(self.importance.get_or_init(|| new))
     }
 
     /// Draws a direction about in proportion to BRDF times cosine: [`Importance::sample`]. The first call decodes the file once.

@@ -9,10 +9,11 @@ use super::Brdf;
 use super::cache::{CACHE_BLOCKS, DEFAULT_BYTES, FREE, SPARSE_BLOCKS, SPARSE_SHARE};
 use crate::base::budget::Budget;
 use crate::base::bytes::Bytes;
-use crate::base::error::{Error, Result};
+use crate::base::error::Result;
 use crate::decode::{PrunedPolicy, Reader};
 use crate::base::limits::Limits;
-use crate::table::coords::{Lookup, grid_coordinates};
+use crate::table::coords::Lookup;
+use crate::table::parameterization::Parameterization;
 
 /// How to open a file for evaluation: limits, cache, lookup, what pruned blocks give.
 ///
@@ -101,14 +102,10 @@ impl BrdfOptions {
     /// `InvalidArgument` if the axes of the file are not angles of directions.
     #[allow(clippy::wrong_self_convention)] // as above
     pub fn from_reader(self, reader: Reader) -> Result<Brdf> {
-        let up = [0.0, 0.0, 1.0];
-        let no_directions = grid_coordinates(reader.grid(), up, up).is_none().then(|| {
-            let names: Vec<_> = reader.grid().axes().iter().map(|a| a.name.as_str()).collect();
-            format!("axes {names:?} do not say how directions map to the grid")
-        });
-        if let Some(why) = no_directions.clone().filter(|_| !self.any_axes) {
-            return Err(Error::InvalidArgument(why));
-        }
+        let parameterization = match Parameterization::of(reader.grid()) {
+            Err(why) if !self.any_axes => return Err(why),
+            found => found.ok(),
+        };
         let blocks = reader.block_count();
         let sparse_most = self.cache_bytes / SPARSE_SHARE;
         Ok(Brdf {
@@ -125,7 +122,7 @@ impl BrdfOptions {
             touched: (0..blocks.div_ceil(64)).map(|_| AtomicU64::new(0)).collect(),
             rebuilt: AtomicUsize::new(0),
             scratch: Mutex::default(),
-            no_directions,
+            parameterization,
             importance: OnceLock::new(),
             making: Mutex::default(),
             reader,

@@ -11,7 +11,8 @@ use crate::base::budget::filled;
 use crate::base::portable::sin_cos;
 use crate::base::simd::Level;
 use crate::table::block::Block;
-use crate::table::grid::{AxisName, Grid};
+use crate::table::grid::Grid;
+use crate::table::parameterization::Parameterization;
 
 /// Tables of a profile: over theta_h even and odd, over theta_d even and odd.
 pub(crate) const TABLES: usize = 4;
@@ -38,9 +39,7 @@ pub(crate) struct Profile {
 
 /// Bins of theta_h and theta_d of a grid that can have a profile: its axes are theta_h, theta_d, phi_d in this order.
 pub(crate) fn bins(grid: &Grid) -> Option<[usize; 2]> {
-    let names: Vec<AxisName> = grid.axes().iter().map(|axis| axis.name).collect();
-    let fits = names == [AxisName::ThetaH, AxisName::ThetaD, AxisName::PhiD];
-    fits.then(|| [grid.axes()[0].len, grid.axes()[1].len])
+    Parameterization::grazing_axes(grid).map(|[h, d, _]| [grid.axes()[h].len, grid.axes()[d].len])
 }
 
 /// Place of a direction among the knots, of its [`Profile::root`]: the knot below, the number of knots less 1 where the
@@ -152,7 +151,7 @@ impl Profile {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::table::grid::{Axis, Mapping};
+    use crate::table::grid::{Axis, AxisName, Mapping};
     use proptest::prelude::*;
 
     /// Tables that are all powers of the elevation's square root have a sum in closed form: between knots the interpolation

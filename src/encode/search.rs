@@ -70,22 +70,7 @@ pub(super) fn nearest<T>(
         if kept.is_some_and(|(_, excess)| excess >= -tolerance) || (best.is_none() && flat(&points)) {
             break;
         }
-        let next: f64 = match ends {
-            [Some(a), Some(b)] => {
-                let share: f64 = (aim - a.1) / (b.1 - a.1);
-                a.0 + share.clamp(0.05, 0.95) * (b.0 - a.0)
-            }
-            _ => {
-                let own = match points[..] {
-                    [.., a, b] if a.0 != b.0 => (b.1 - a.1) / (b.0 - a.0),
-                    _ => slope,
-                };
-                let own = if own * slope > 0.02 { own } else { slope };
-                // Where little changes so far, more may change further on.
-                let stride = if own * slope < 0.5 { STRIDE / 2.0 } else { STRIDE };
-                at + ((aim - excess) / own).clamp(-stride, stride)
-            }
-        };
+        let next = next_step(&points, ends, aim, slope);
         let next = next.clamp(range[0], range[1]);
         if (next - at).abs() < 1e-6 {
             break;
@@ -96,6 +81,23 @@ pub(super) fn nearest<T>(
         let (at, excess) = broken.expect("a trial was made");
         Missed::Best { excess, step: at.exp() as f32, trials: points.len() }
     })
+}
+
+/// Where to try next: between the ends, or further along the line through the last two points.
+fn next_step(points: &[Point], ends: [Option<Point>; 2], aim: f64, slope: f64) -> f64 {
+    if let [Some(a), Some(b)] = ends {
+        let share: f64 = (aim - a.1) / (b.1 - a.1);
+        return a.0 + share.clamp(0.05, 0.95) * (b.0 - a.0);
+    }
+    let own = match points[..] {
+        [.., a, b] if a.0 != b.0 => (b.1 - a.1) / (b.0 - a.0),
+        _ => slope,
+    };
+    let own = if own * slope > 0.02 { own } else { slope };
+    // Where little changes so far, more may change further on.
+    let stride = if own * slope < 0.5 { STRIDE / 2.0 } else { STRIDE };
+    let &(at, excess) = points.last().expect("a trial was made");
+    at + ((aim - excess) / own).clamp(-stride, stride)
 }
 
 /// Whether the last trials, over a factor of 16 of the step and more, changed nothing to speak of.

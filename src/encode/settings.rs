@@ -168,7 +168,8 @@ impl Encoder {
     }
 
     /// Quantiser step in the log domain: smaller is better and larger. The rms error of a noiseless table comes to
-    /// about a tenth of it.
+    /// about a tenth of it. Where every entry is a sample, quantisation is dependent, and the file's step is 0.65 of this:
+    /// every other multiple of it is allowed, at about the same error.
     pub fn quality(self, step: f32) -> Encoder {
         Encoder { step, ..self }
     }

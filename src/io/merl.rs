@@ -14,11 +14,43 @@ use crate::table::grid::{Grid, MERL_SCALE};
 const NAME: &str = "MERL table";
 const HEADER: usize = 12;
 
+/// How names of such files end.
+pub const EXTENSION: &str = "binary";
+
 /// Reads a table from the bytes of a `.binary` file.
 ///
 /// # Errors
 /// `Truncated` if it is short, `Corrupt` if a dimension is not MERL's or bytes follow the planes.
 pub fn read_merl(data: &[u8]) -> Result<Table> {
+    let (grid, planes) = read_header(data)?;
+    let expected = bytes_of(&grid);
+    if (data.len() as u64) < expected {
+        return Err(Error::Truncated { section: NAME, expected, got: data.len() as u64 });
+    }
+    if data.len() as u64 > expected {
+        let what = format!("{} bytes follow the last plane", data.len() as u64 - expected);
+        return Err(Error::corrupt(NAME, expected, what));
+    }
+    let mut values = vec![0.0; grid.positions() * 3];
+    read_f64_into(planes, &mut values);
+    Table::from_values(grid, values)
+}
+
+/// Bytes of the whole file by its first ones; of fewer than the header's, those of the header.
+#[cfg(feature = "encode")]
+pub(super) fn length(head: &[u8]) -> Result<u64> {
+    if head.len() < HEADER {
+        return Ok(HEADER as u64);
+    }
+    read_header(head).map(|(grid, _)| bytes_of(&grid))
+}
+
+fn bytes_of(grid: &Grid) -> u64 {
+    (HEADER + 8 * 3 * grid.positions()) as u64
+}
+
+/// The grid by the dimensions, and what follows them.
+fn read_header(data: &[u8]) -> Result<(Grid, &[u8])> {
     let Some((header, planes)) = data.split_at_checked(HEADER) else {
         return Err(Error::Truncated { section: NAME, expected: HEADER as u64, got: data.len() as u64 });
     };
@@ -31,19 +63,7 @@ pub fn read_merl(data: &[u8]) -> Result<Table> {
             return Err(Error::corrupt(NAME, 4 * axis as u64, what));
         }
     }
-    let grid = if dims[2] == 360 { Grid::merl_360() } else { Grid::merl() };
-    let entries = grid.positions() * 3;
-    let expected = (HEADER + 8 * entries) as u64;
-    if (data.len() as u64) < expected {
-        return Err(Error::Truncated { section: NAME, expected, got: data.len() as u64 });
-    }
-    if data.len() as u64 > expected {
-        let what = format!("{} bytes follow the last plane", data.len() as u64 - expected);
-        return Err(Error::corrupt(NAME, expected, what));
-    }
-    let mut values = vec![0.0; entries];
-    read_f64_into(planes, &mut values);
-    Table::from_values(grid, values)
+    Ok((if dims[2] == 360 { Grid::merl_360() } else { Grid::merl() }, planes))
 }
 
 /// Writes a table as a `.binary` file: missing entries as -1, or, if `fill` is set, as the values filled in.

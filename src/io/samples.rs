@@ -23,8 +23,9 @@ use crate::assess::plan::Plan;
 use crate::base::error::{Error, Result};
 use crate::base::excerpt::excerpt;
 use crate::table::Table;
-use crate::table::coords::{Lookup, grid_coordinates, taps};
-use crate::table::grid::{AxisName, Grid, MERL_SCALE};
+use crate::table::coords::{Lookup, taps};
+use crate::table::grid::{Grid, MERL_SCALE};
+use crate::table::parameterization::Parameterization;
 
 const NAME: &str = "list of measurements";
 
@@ -133,7 +134,8 @@ pub fn read_samples(data: &[u8], grid: Option<Grid>) -> Result<Samples> {
     }
     let mut reader =
         ReaderBuilder::new().has_headers(false).flexible(true).comment(Some(b'#')).trim(Trim::All).from_reader(data);
-    let mut row = Row { data, grid: &grid, columns: Columns::default(), record: ByteRecord::new() };
+    let parameterization = Parameterization::of(&grid)?;
+    let mut row = Row { data, grid: &grid, parameterization, columns: Columns::default(), record: ByteRecord::new() };
     if !row.next(&mut reader)? {
         return Err(Error::corrupt(NAME, 0, "is empty; begin it with a row of column names, as csbrdf plan does"));
     }
@@ -170,6 +172,16 @@ pub fn read_samples(data: &[u8], grid: Option<Grid>) -> Result<Samples> {
     Ok(Samples { table: Table::from_values(grid, sums)?, rows, bins, unmeasured, repeated })
 }
 
+/// Whether the column names that text begins with are those of a list.
+pub(super) fn is_list(head: &[u8]) -> bool {
+    let head = head.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(head);
+    let mut lines = head.split(|b| *b == b'\n').map(<[u8]>::trim_ascii);
+    let names = lines.find(|line| !line.is_empty() && !line.starts_with(b"#")).unwrap_or_default();
+    let known = [BINS[0], HALF_DIFF[0], VECTORS[0], INSTRUMENT[0]];
+    let is_known = |name: &[u8]| known.iter().any(|known| name.trim_ascii().eq_ignore_ascii_case(known.as_bytes()));
+    names.contains(&b',') && names.split(|b| *b == b',').any(is_known)
+}
+
 /// The bins of phi_d that the comments at the start name.
 fn commented_grid(data: &[u8]) -> Option<usize> {
     let comments = data.split(|b| *b == b'\n').take_while(|line| line.starts_with(b"#"));
@@ -192,6 +204,7 @@ struct Columns {
 struct Row<'a> {
     data: &'a [u8],
     grid: &'a Grid,
+    parameterization: Parameterization,
     columns: Columns,
     record: ByteRecord,
 }
@@ -353,17 +366,17 @@ impl Row<'_> {
     fn bin_of_half_diff(&self, at: [usize; 3]) -> Result<usize> {
         let mut coordinates = [0.5; 4];
         for (i, axis) in self.grid.axes().iter().enumerate() {
-            let azimuth = axis.name == AxisName::PhiD;
-            let (least, most) = if azimuth { (-360.0, 360.0) } else { (0.0, 90.0) };
+            let period = self.parameterization.period(i);
+            let (least, most) = if period.is_some() { (-360.0, 360.0) } else { (0.0, 90.0) };
             let angle = self.number(at[i], HALF_DIFF[i], least, most)?.to_radians();
             // phi_d of half a turn repeats by reciprocity.
-            coordinates[i + 1] = axis.coordinate(if azimuth { angle.rem_euclid(axis.end) } else { angle });
+            coordinates[i + 1] = axis.coordinate(period.map_or(angle, |period| angle.rem_euclid(period)));
         }
         Ok(taps(self.grid, coordinates, Lookup::Nearest).as_slice()[0].0)
     }
 
     fn bin_of_directions(&self, wi: [f64; 3], wo: [f64; 3], name: &str) -> Result<usize> {
-        match grid_coordinates(self.grid, wi, wo) {
+        match self.parameterization.coordinates(wi, wo) {
             Some(coordinates) => Ok(taps(self.grid, coordinates, Lookup::Nearest).as_slice()[0].0),
             None => {
                 Err(self.bad(format!("{name} are below the horizon, zero or opposite; give directions with z above 0")))

@@ -1,4 +1,4 @@
-//! Directions, half/difference angles and grid positions.
+//! Directions, half/difference angles, and the bins around grid coordinates.
 //!
 //! Directions are unit vectors `[x, y, z]` that point away from the surface, z along its normal, x along its tangent.
 //! Half and difference angles are those of Rusinkiewicz, "A New Change of Variables for Efficient BRDF Representation"
@@ -6,15 +6,14 @@
 //! `-phi_h` about the normal and `-theta_h` about the bi-normal; the difference angles are those of `wi` after that.
 //! All angles are in radians.
 
-mod pair;
+pub(super) mod pair;
 
 use std::f64::consts::{PI, TAU};
 
-use crate::base::portable::atan2;
 use crate::table::grid::{Axis, AxisName, Grid};
 pub(crate) use pair::upper_unit;
 pub(crate) use pair::{BATCH, Batch};
-use pair::{Pair, azimuth};
+use pair::Pair;
 
 /// Half and difference angles of a pair of directions, radians.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,65 +52,6 @@ pub fn directions(angles: HalfDiff) -> ([f64; 3], [f64; 3]) {
     (turn(sin_d * cos_pd, sin_d * sin_pd, cos_d), turn(-sin_d * cos_pd, -sin_d * sin_pd, cos_d))
 }
 
-/// Where a pair of directions falls on the grid: bin coordinates in `0..=len` per axis, bin `i` centred at `i + 0.5`,
-/// padded in front with 0.5 for missing leading axes like [`Grid::shape`].
-///
-/// The axes may be any of theta_h, phi_h, theta_d, phi_d, theta_i, phi_i, theta_o, phi_o. A grid with only one of phi_i
-/// and phi_o is isotropic: that axis is the azimuth difference to the other direction, folded by mirror symmetry where
-/// the axis covers only half a turn. A phi_d axis that covers pi is folded by reciprocity. Elevations beyond the ends
-/// of their axis go to its end.
-///
-/// `None` where [`half_diff`] has no answer, for an axis without angular meaning ([`AxisName::Other`]), and for an
-/// azimuth outside an axis that covers only a part of the turn.
-pub fn grid_coordinates(grid: &Grid, wi: [f64; 3], wo: [f64; 3]) -> Option<[f64; 4]> {
-    let pair = Pair::new(wi, wo)?;
-    let elevation = |w: [f64; 3]| atan2((w[0] * w[0] + w[1] * w[1]).sqrt(), w[2]);
-    let turn = |w: [f64; 3]| azimuth(w[1], w[0]);
-    coordinates(grid, |name| match name {
-        AxisName::Other => None,
-        AxisName::ThetaH => Some(pair.theta_h()),
-        AxisName::ThetaD => Some(pair.theta_d()),
-        AxisName::ThetaI => Some(elevation(pair.wi)),
-        AxisName::ThetaO => Some(elevation(pair.wo)),
-        AxisName::PhiH => Some(pair.phi_h()),
-        AxisName::PhiD => Some(pair.phi_d()),
-        AxisName::PhiI => Some(turn(pair.wi)),
-        AxisName::PhiO => Some(turn(pair.wo)),
-    })
-}
-
-/// The same from the angles by their names.
-#[inline(always)]
-fn coordinates(grid: &Grid, angle: impl Fn(AxisName) -> Option<f64>) -> Option<[f64; 4]> {
-    let has = |name| grid.find(name).is_some();
-    let mut coordinates = [0.5; 4];
-    let padding = 4 - grid.axes().len();
-    for (coordinate, axis) in coordinates[padding..].iter_mut().zip(grid.axes()) {
-        let own = angle(axis.name)?;
-        *coordinate = match axis.name {
-            AxisName::PhiI if !has(AxisName::PhiO) => on_turn(axis, own - angle(AxisName::PhiO)?, true)?,
-            AxisName::PhiO if !has(AxisName::PhiI) => on_turn(axis, own - angle(AxisName::PhiI)?, true)?,
-            AxisName::PhiH | AxisName::PhiD | AxisName::PhiI | AxisName::PhiO => on_turn(axis, own, false)?,
-            _ => axis.coordinate(own),
-        };
-    }
-    Some(coordinates)
-}
-
-/// Coordinates of a pair of a batch.
-pub(crate) fn batch_coordinates(grid: &Grid, batch: &Batch, i: usize, wi: [f64; 3], wo: [f64; 3]) -> Option<[f64; 4]> {
-    let [theta_h, theta_d, phi_d] = batch.angles(i);
-    if theta_h.is_nan() {
-        return grid_coordinates(grid, wi, wo);
-    }
-    coordinates(grid, |name| match name {
-        AxisName::ThetaH => Some(theta_h),
-        AxisName::ThetaD => Some(theta_d),
-        AxisName::PhiD => Some(phi_d),
-        _ => None,
-    })
-}
-
 /// How a value is read between bin centres.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lookup {
@@ -135,7 +75,7 @@ impl Taps {
     }
 }
 
-/// The positions and weights of a lookup at the bin coordinates that [`grid_coordinates`] gives.
+/// The positions and weights of a lookup at the bin coordinates that [`Parameterization::coordinates`](crate::Parameterization::coordinates) gives.
 ///
 /// Bin `i` is centred at `i + 0.5`. Azimuths that close on themselves wrap; the others end at the centres of their
 /// first and last bins. Coordinates outside `0..=len` (or NaN) go to the nearest end.
@@ -205,7 +145,8 @@ pub(crate) fn closes(axis: &Axis) -> bool {
 }
 
 /// Bin coordinate of an azimuth; `mirrored` azimuths may also be read with the other sign.
-fn on_turn(axis: &Axis, angle: f64, mirrored: bool) -> Option<f64> {
+#[inline]
+pub(super) fn on_turn(axis: &Axis, angle: f64, mirrored: bool) -> Option<f64> {
     let span = axis.end - axis.start;
     let period = if closes(axis) { span } else { TAU };
     let past = |angle: f64| {
@@ -231,6 +172,7 @@ mod tests {
     use super::pair::norm;
     use super::*;
     use crate::table::grid::Mapping;
+    use crate::table::parameterization::grid_coordinates;
     use proptest::prelude::*;
     use std::f64::consts::FRAC_PI_2;
 

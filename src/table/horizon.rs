@@ -6,7 +6,8 @@
 
 use crate::base::portable::sin_cos;
 use crate::table::block::Block;
-use crate::table::grid::{AxisName, Grid};
+use crate::table::grid::Grid;
+use crate::table::parameterization::Parameterization;
 
 /// Sines and cosines along the axes of a half/difference grid.
 #[derive(Clone, Debug)]
@@ -26,8 +27,7 @@ pub(crate) struct Horizon {
 impl Horizon {
     /// `None` unless the grid has the axes theta_h, theta_d and phi_d.
     pub(crate) fn new(grid: &Grid) -> Option<Horizon> {
-        let find = |name| grid.find(name);
-        let [h, d, p] = [find(AxisName::ThetaH)?, find(AxisName::ThetaD)?, find(AxisName::PhiD)?];
+        let [h, d, p] = Parameterization::elevation_axes(grid)?;
         let sampled = |axis: usize, shift: f64| -> Vec<(f64, f64)> {
             let axis = &grid.axes()[axis];
             (0..axis.len).map(|i| sin_cos(axis.angle(i as f64 + shift))).collect()

@@ -98,8 +98,9 @@ fn look_ups(group: &mut BenchmarkGroup<WallTime>, path: &std::path::Path, table:
         b.iter(|| wi.iter().zip(&wo).try_for_each(|(wi, wo)| brdf.eval_into(*wi, *wo, black_box(&mut value))));
     });
     group.bench_function("eval_many", |b| b.iter(|| brdf.eval_many(&wi, &wo, black_box(&mut values))));
+    let map = csbrdf::Parameterization::of(grid)?;
     group.bench_function("raw look-up", |b| {
-        b.iter(|| wi.iter().zip(&wo).for_each(|(wi, wo)| raw::look_up(grid, table, *wi, *wo, black_box(&mut value))));
+        b.iter(|| wi.iter().zip(&wo).for_each(|(wi, wo)| raw::look_up((grid, &map), table, *wi, *wo, black_box(&mut value))));
     });
     Ok(())
 }

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use csbrdf::codec::sample::SplitMix64;
-use csbrdf::table::coords::{Lookup, grid_coordinates, taps};
-use csbrdf::table::grid::Grid;
+use csbrdf::table::coords::{Lookup, taps};
+use csbrdf::{Grid, Parameterization};
 
 /// Random directions over the hemisphere, of light and of sensor, for so many look-ups.
 pub fn directions(count: usize, random: &mut SplitMix64) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
@@ -18,10 +18,10 @@ pub fn directions(count: usize, random: &mut SplitMix64) -> (Vec<[f64; 3]>, Vec<
 }
 
 /// Interpolates in a table in memory, `[channel][position]`, as `Brdf::eval` does.
-pub fn look_up(grid: &Grid, table: &[f32], wi: [f64; 3], wo: [f64; 3], value: &mut [f32]) {
+pub fn look_up((grid, map): (&Grid, &Parameterization), table: &[f32], wi: [f64; 3], wo: [f64; 3], value: &mut [f32]) {
     value.fill(0.0);
     let n = grid.positions();
-    if let Some(at) = grid_coordinates(grid, wi, wo) {
+    if let Some(at) = map.coordinates(wi, wo) {
         for &(position, weight) in taps(grid, at, Lookup::Linear).as_slice() {
             for (c, sum) in value.iter_mut().enumerate() {
                 *sum += table[c * n + position] * weight as f32;

@@ -35,6 +35,11 @@ pub fn run(data: &[u8]) {
         let (valid, info) = (valid.expect("it decodes"), info.expect("it decodes"));
         assert_eq!((valid.len(), origins.expect("it decodes").len()), (values.len(), values.len()));
         assert_eq!(valid.iter().filter(|v| **v).count(), info.valid.iter().sum::<usize>());
+        let spectrum = reader.coefficients(block).expect("it decodes");
+        assert_eq!(
+            (spectrum.valid.len(), spectrum.components.len() * spectrum.block.positions()),
+            (values.len(), values.len())
+        );
         if let Ok(exact) = reader.exact_block(block) {
             assert_eq!(exact.len(), values.len());
         }

@@ -19,9 +19,14 @@ pub fn run(data: &[u8]) {
     assert_eq!(check(&table), *excess == 0);
 }
 
-/// Whether it was read; then its validity is as documented and its bytes come back.
+/// Whether it was read, and by its first bytes too; then its validity is as documented and its bytes come back.
 fn check(data: &[u8]) -> bool {
-    let Ok(table) = read_merl(data) else { return false };
+    let by_its_bytes = csbrdf::io::read(data, &csbrdf::io::ReadOptions::new().lists(false));
+    let Ok(table) = read_merl(data) else {
+        assert!(by_its_bytes.is_err());
+        return false;
+    };
+    assert!(by_its_bytes.is_ok_and(|other| other.valid() == table.valid()));
     let valid = |x: &f64| x.is_finite() && *x >= 0.0;
     assert!(table.values().iter().zip(table.valid()).all(|(value, v)| valid(value) == *v));
     let mut back = Vec::new();

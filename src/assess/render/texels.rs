@@ -1,8 +1,9 @@
 //! A table as the renderers read it.
 
 use crate::table::Table;
-use crate::table::coords::{Lookup, Taps, grid_coordinates, taps};
+use crate::table::coords::{Lookup, Taps, taps};
 use crate::table::grid::Grid;
+use crate::table::parameterization::Parameterization;
 
 /// The colours of a table side by side, in 1/sr: a lookup touches a third of the memory that it does in planes.
 ///
@@ -12,6 +13,8 @@ use crate::table::grid::Grid;
 #[derive(Clone, Debug)]
 pub struct Texels {
     grid: Grid,
+    /// `None` where directions have no place on the grid.
+    parameterization: Option<Parameterization>,
     /// NaN marks missing entries.
     values: Vec<[f32; 3]>,
 }
@@ -29,7 +32,7 @@ impl Texels {
                 })
             })
             .collect();
-        Texels { grid, values }
+        Texels { parameterization: Parameterization::of(&grid).ok(), grid, values }
     }
 
     /// The BRDF in 1/sr, red, green, blue, interpolated linearly; `wi` and `wo` above the horizon, z along the normal.
@@ -39,7 +42,8 @@ impl Texels {
 
     /// The positions that a pair of directions lies between, and their weights.
     pub(super) fn taps(&self, wi: [f64; 3], wo: [f64; 3]) -> Option<Taps> {
-        grid_coordinates(&self.grid, wi, wo).map(|coordinates| taps(&self.grid, coordinates, Lookup::Linear))
+        let coordinates = self.parameterization.as_ref()?.coordinates(wi, wo)?;
+        Some(taps(&self.grid, coordinates, Lookup::Linear))
     }
 
     /// The colours at positions of this grid, by their weights.

@@ -7,8 +7,9 @@ use crate::base::error::{Error, Result};
 use crate::decode::{Reader, Scratch};
 use crate::table::block::Block;
 use crate::table::coords::{Lookup, neighbours_on};
-use crate::table::grid::{Axis, AxisName};
+use crate::table::grid::Axis;
 use crate::table::horizon::Horizon;
+use crate::table::parameterization::Parameterization;
 
 /// Parts of phi_d, folded to a quarter turn: an isotropic, reciprocal material repeats in the other three.
 const SECTORS: usize = 4;
@@ -47,15 +48,13 @@ impl Marginal {
     /// `None` if the grid is not one of half and difference angles with theta_h.
     pub(super) fn of<D: AsRef<[u8]>>(reader: &Reader<D>) -> Result<Option<Marginal>> {
         let grid = reader.grid();
-        let known = [AxisName::ThetaH, AxisName::PhiH, AxisName::ThetaD, AxisName::PhiD];
-        let Some(h) = grid.find(AxisName::ThetaH) else { return Ok(None) };
-        if grid.axes().iter().any(|axis| !known.contains(&axis.name)) {
-            return Ok(None);
-        }
+        let Ok(parameterization) = Parameterization::of(grid) else { return Ok(None) };
+        let Some(angles) = parameterization.half_difference() else { return Ok(None) };
+        let Some(h) = angles.theta_h() else { return Ok(None) };
         reader.check_table_size()?;
         let coarse = |axis: Axis| Axis { len: axis.len.min(MAX_BINS), ..axis };
         let theta_h = coarse(grid.axes()[h]);
-        let theta_d = grid.find(AxisName::ThetaD).map(|d| coarse(grid.axes()[d]));
+        let theta_d = angles.theta_d().map(|d| coarse(grid.axes()[d]));
         let row = theta_d.map_or(1, |axis| axis.len) * SECTORS;
         let mut sums = Sums {
             // Small by a constant: four sectors of 256 bins of each elevation.
@@ -63,11 +62,13 @@ impl Marginal {
             offsets: std::array::from_fn(|_| vec![0]),
             weights: Vec::new(),
         };
-        for (offsets, axis) in sums.offsets[4 - grid.axes().len()..].iter_mut().zip(grid.axes()) {
-            let offset = |i: usize| match axis.name {
-                AxisName::ThetaH => i * coarse(*axis).len / axis.len * row,
-                AxisName::ThetaD => i * coarse(*axis).len / axis.len * SECTORS,
-                AxisName::PhiD => sector(axis.angle(i as f64 + 0.5).cos().abs()),
+        let places = sums.offsets[4 - grid.axes().len()..].iter_mut().zip(grid.axes());
+        for (number, (offsets, axis)) in places.enumerate() {
+            let (of, bins) = (Some(number), coarse(*axis).len);
+            let offset = |i: usize| match of {
+                of if of == angles.theta_h() => i * bins / axis.len * row,
+                of if of == angles.theta_d() => i * bins / axis.len * SECTORS,
+                of if of == angles.phi_d() => sector(axis.angle(i as f64 + 0.5).cos().abs()),
                 _ => 0,
             };
             *offsets = (0..axis.len).map(offset).collect();

@@ -14,7 +14,8 @@
 use rayon::prelude::*;
 
 use crate::codec::sample::SplitMix64;
-use crate::table::grid::{AxisName, Grid};
+use crate::table::grid::Grid;
+use crate::table::parameterization::Parameterization;
 
 /// Knots of the tables along an elevation.
 const ELEVATION_KNOTS: usize = 48;
@@ -73,8 +74,10 @@ pub(in crate::encode) struct Trend {
 impl Model {
     /// `None` unless the grid has half and difference angles, without a second azimuth.
     pub(in crate::encode) fn new(grid: &Grid) -> Option<Model> {
-        let find = |name| grid.find(name).filter(|&axis| grid.axes()[axis].len > 1);
-        let axes = [find(AxisName::ThetaH)?, find(AxisName::ThetaD)?, find(AxisName::PhiD)?];
+        let axes = Parameterization::elevation_axes(grid)?;
+        if axes.iter().any(|&axis| grid.axes()[axis].len == 1) {
+            return None;
+        }
         if grid.axes().iter().filter(|axis| axis.len > 1).count() > axes.len() {
             return None;
         }

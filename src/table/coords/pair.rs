@@ -12,9 +12,9 @@ pub(crate) const BATCH: usize = 64;
 const LEAST_SUM: f64 = 8.0 * f64::EPSILON;
 
 /// Two directions and what their half and difference angles are made of; an angle costs its `atan2` only when asked.
-pub(super) struct Pair {
-    pub(super) wi: [f64; 3],
-    pub(super) wo: [f64; 3],
+pub(in crate::table) struct Pair {
+    pub(in crate::table) wi: [f64; 3],
+    pub(in crate::table) wo: [f64; 3],
     /// `|wi + wo|` and `|wi - wo|`, 2 cos(theta_d) and 2 sin(theta_d).
     along: f64,
     across: f64,
@@ -26,7 +26,7 @@ pub(super) struct Pair {
 }
 
 impl Pair {
-    pub(super) fn new(wi: [f64; 3], wo: [f64; 3]) -> Option<Pair> {
+    pub(in crate::table) fn new(wi: [f64; 3], wo: [f64; 3]) -> Option<Pair> {
         let pair = Pair::of_units(upper_unit(wi)?, upper_unit(wo)?);
         (pair.along >= LEAST_SUM).then_some(pair)
     }
@@ -47,24 +47,24 @@ impl Pair {
     }
 
     #[inline(always)]
-    pub(super) fn theta_h(&self) -> f64 {
+    pub(in crate::table) fn theta_h(&self) -> f64 {
         atan2(self.radius, self.height)
     }
 
     #[inline(always)]
-    pub(super) fn phi_h(&self) -> f64 {
+    pub(in crate::table) fn phi_h(&self) -> f64 {
         azimuth(self.sin_phi_h, self.cos_phi_h)
     }
 
     /// The `atan2` keeps its digits at both ends, where the `acos` of the reference reader loses half of them.
     #[inline(always)]
-    pub(super) fn theta_d(&self) -> f64 {
+    pub(in crate::table) fn theta_d(&self) -> f64 {
         atan2(self.across, self.along)
     }
 
     /// In the half vector's frame `wi - wo` is 2 sin(theta_d) times (cos(phi_d), sin(phi_d), 0).
     #[inline(always)]
-    pub(super) fn phi_d(&self) -> f64 {
+    pub(in crate::table) fn phi_d(&self) -> f64 {
         let [x, y, z]: [f64; 3] = std::array::from_fn(|k| self.wi[k] - self.wo[k]);
         let (sin_h, cos_h) = (self.radius / self.along, self.height / self.along);
         let tangent = cos_h * (self.cos_phi_h * x + self.sin_phi_h * y) - sin_h * z;
@@ -116,14 +116,14 @@ impl Task for Fill<'_> {
 
 /// `atan2` in 0..2 pi, 2 pi excluded; 0 where both are zero.
 #[inline(always)]
-pub(super) fn azimuth(y: f64, x: f64) -> f64 {
+pub(in crate::table) fn azimuth(y: f64, x: f64) -> f64 {
     let phi = atan2(y, x);
     let phi = if phi < 0.0 { phi + TAU } else { phi };
     if phi < TAU { phi } else { 0.0 }
 }
 
 #[inline(always)]
-pub(super) fn norm(v: [f64; 3]) -> f64 {
+pub(in crate::table) fn norm(v: [f64; 3]) -> f64 {
     (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
 }
 

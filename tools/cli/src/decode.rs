@@ -84,7 +84,7 @@ fn format(args: &DecodeArgs) -> Result<FormatArg, Failure> {
     let extension = of_output.map(|e| e.to_string_lossy().to_lowercase());
     let format = match (args.format, extension.as_deref()) {
         (Some(format), _) => format,
-        (None, Some("binary")) => FormatArg::Binary,
+        (None, Some(csbrdf::io::merl::EXTENSION)) => FormatArg::Binary,
         (None, Some("npy")) => FormatArg::Npy,
         (None, Some("csv")) => FormatArg::Csv,
         (None, Some(other)) => {

@@ -13,7 +13,6 @@ use csbrdf::codec::sample::Sampling;
 use csbrdf::encode::contract::Contract;
 use csbrdf::encode::{Channels, Effort, Encoder, Preset};
 use csbrdf::format::metadata::Metadata;
-use csbrdf::io::merl::read_merl;
 use csbrdf::table::Table;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use sha2::{Digest, Sha256};
@@ -21,7 +20,7 @@ use sha2::{Digest, Sha256};
 use crate::args::{BasisArg, ChannelsArg, EffortArg, EncodeArgs, PresetArg, SamplingArg};
 use crate::failure::{Failure, Outcome, note};
 use crate::guard::Guard;
-use crate::input::{is_dash, label};
+use crate::input::{is_dash, label, read_table};
 use crate::output::Target;
 use crate::sets::manifest::TOOL;
 use crate::text::{clean, error_figure, grouped, percent};
@@ -245,9 +244,9 @@ pub fn metadata(pairs: &[(String, String)]) -> Result<Metadata, Failure> {
     Ok(m)
 }
 
-/// A MERL table's bytes as a table and the metadata of its file.
+/// An outside table's bytes as a table and the metadata of its file.
 pub fn parse(input: &Path, bytes: &[u8], metadata: &Metadata) -> Result<(Table, Metadata), Failure> {
-    let (table, hash) = rayon::join(|| read_merl(bytes), || hex(&Sha256::digest(bytes)));
+    let (table, hash) = rayon::join(|| read_table(bytes), || hex(&Sha256::digest(bytes)));
     let table = table.map_err(|e| Failure::in_file(input, &e))?;
     let metadata = describe(input, hash, &table, metadata)?;
     Ok((table, metadata))

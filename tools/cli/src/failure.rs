@@ -100,7 +100,7 @@ impl Failure {
         use csbrdf::Error::*;
         let code = match error.kind() {
             Io(e) => return Failure::io(file, e),
-            NotCsbrdf { .. } | Truncated { .. } | Corrupt { .. } => BAD_INPUT,
+            NotCsbrdf { .. } | NotATable(_) | Truncated { .. } | Corrupt { .. } => BAD_INPUT,
             UnsupportedVersion { .. } | LimitExceeded { .. } => UNSUPPORTED,
             InvalidArgument(_) => USAGE,
             _ => OPERATION,

@@ -5,11 +5,12 @@ use std::path::Path;
 use csbrdf::Error;
 use csbrdf::decode::Reader;
 use csbrdf::format::MAGIC;
-use csbrdf::io::merl::read_merl;
 use csbrdf::io::samples::read_samples;
+use csbrdf::io::{self, ReadOptions};
+use csbrdf::table::Table;
 use csbrdf::table::grid::Grid;
 
-use crate::failure::{Failure, Outcome};
+use crate::failure::Failure;
 use crate::sets::manifest::{LIMIT, Manifest};
 use crate::source::{READ_LIMIT, STREAM_LIMIT};
 
@@ -20,7 +21,7 @@ pub enum Kind {
     Csbrdf,
     /// What may be left of one, or the file of a set that is told by its hash: the first bytes need not be right.
     Damaged,
-    /// A MERL .binary table.
+    /// A table in an outside format, of those that `csbrdf::io` knows.
     Merl,
     /// The manifest of a set.
     Manifest,
@@ -40,7 +41,7 @@ pub enum Length {
 
 /// Bytes of the preamble of a csbrdf file, which state its length.
 const PREAMBLE: usize = 32;
-/// Bytes of the head of a MERL table, which state its length.
+/// Bytes of the head of an outside table, which state its length.
 const DIMENSIONS: usize = 12;
 
 /// Bytes that are enough to know what an input is: preamble and longest section table, a few lines of a list.
@@ -67,33 +68,32 @@ pub fn length(path: &Path, head: &[u8], all: u64, kinds: &[Kind]) -> Result<Leng
     if accepts(Kind::Manifest) && Manifest::is_likely(head) {
         return Ok(Length::AtMost(LIMIT as u64));
     }
-    // The readers themselves say what is wrong with a head alone, or how much is missing behind it.
-    let read = if !accepts(Kind::Merl) || (accepts(Kind::Csbrdf) && head.starts_with(&MAGIC)) {
-        let least = if head.starts_with(&MAGIC) { PREAMBLE.min(head.len()) } else { head.len() };
-        Reader::open(&head[..least]).map(|_| ())
-    } else {
-        expect_merl(path, head)?;
-        read_merl(&head[..DIMENSIONS.min(head.len())]).map(|_| ())
-    };
-    match read {
+    if accepts(Kind::Merl) && !(accepts(Kind::Csbrdf) && head.starts_with(&MAGIC)) {
+        let stated = table_format(path, head)?.length(head).map_err(|e| Failure::in_file(path, &e))?;
+        return Ok(stated.map_or(Length::AtMost(STREAM_LIMIT), Length::Exactly));
+    }
+    // The reader itself says what is wrong with a head alone, or how much is missing behind it.
+    let least = if head.starts_with(&MAGIC) { PREAMBLE.min(head.len()) } else { head.len() };
+    match Reader::open(&head[..least]).map(|_| ()) {
         Err(Error::Truncated { expected, .. }) => Ok(Length::Exactly(expected)),
         Err(e) => Err(Failure::in_file(path, &e)),
         Ok(()) => Ok(Length::Exactly(head.len() as u64)),
     }
 }
 
-/// Fails if the first bytes are those of something else than a MERL table.
-pub fn expect_merl(path: &Path, bytes: &[u8]) -> Outcome {
-    let other = match bytes {
-        [] => "the file is empty; give a MERL .binary table",
-        b if b.starts_with(&MAGIC) => "is a csbrdf file already; give the table that it was made from",
-        b if b.starts_with(b"tensor_file") => "is an RGL tensor file; give a table on MERL's grid",
-        b if b.iter().take(64).all(|c| c.is_ascii_graphic() || c.is_ascii_whitespace()) => {
-            "is a text file; give a MERL .binary table"
-        }
-        _ => return Ok(()),
-    };
-    Err(Failure::bad_input(path, other))
+/// How tables are read: a list of measurements is asked for by `--samples`.
+fn options() -> ReadOptions {
+    ReadOptions::new().lists(false)
+}
+
+/// The outside format of a table by its first bytes; fails if they are those of something else.
+pub fn table_format(path: &Path, bytes: &[u8]) -> Result<&'static io::Format, Failure> {
+    io::recognise(bytes, &options()).map_err(|e| Failure::in_file(path, &e))
+}
+
+/// The table in the bytes of an outside file.
+pub fn read_table(bytes: &[u8]) -> csbrdf::Result<Table> {
+    io::read(bytes, &options())
 }
 
 /// Of what may be damaged anywhere, anything that is not large is read; of the rest the head must show what it was.

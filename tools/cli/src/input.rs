@@ -7,12 +7,11 @@ pub use csbrdf::Bytes;
 use csbrdf::Limits;
 use csbrdf::decode::{PrunedPolicy, Reader};
 use csbrdf::format::MAGIC;
-use csbrdf::io::merl::read_merl;
 use csbrdf::table::Table;
 
 use crate::failure::{Failure, note};
-pub use crate::formats::expect_merl;
 use crate::formats::{Kind, TABLE};
+pub use crate::formats::{read_table, table_format};
 use crate::guard::Guard;
 use crate::source::{self, Source};
 
@@ -93,8 +92,7 @@ pub fn table(path: &Path, guard: &mut Guard) -> Result<Table, Failure> {
 /// The table in the bytes of a file of either format.
 pub fn table_of(path: &Path, bytes: Bytes) -> Result<Table, Failure> {
     if !bytes.as_ref().starts_with(&MAGIC) {
-        expect_merl(path, bytes.as_ref())?;
-        return read_merl(bytes.as_ref()).map_err(|e| Failure::in_file(path, &e));
+        return read_table(bytes.as_ref()).map_err(|e| Failure::in_file(path, &e));
     }
     reader(bytes).and_then(|reader| reader.decode_table()).map_err(|e| Failure::in_file(path, &e))
 }

@@ -6,7 +6,6 @@ use std::path::Path;
 use csbrdf::assess::lint::{Deviation, Findings, Warning, lint_brdf, lint_table};
 use csbrdf::brdf::Brdf;
 use csbrdf::format::MAGIC;
-use csbrdf::io::merl::read_merl;
 use serde_json::{Value, json};
 
 use crate::args::LintArgs;
@@ -42,8 +41,7 @@ fn look(file: &Path) -> Result<Findings, Failure> {
     let found = if bytes.as_ref().starts_with(&MAGIC) {
         input::reader(bytes).and_then(Brdf::from_reader).and_then(|brdf| lint_brdf(&brdf))
     } else {
-        input::expect_merl(file, bytes.as_ref())?;
-        read_merl(bytes.as_ref()).and_then(|table| lint_table(&table))
+        input::read_table(bytes.as_ref()).and_then(|table| lint_table(&table))
     };
     found.map_err(|e| Failure::in_file(file, &e))
 }

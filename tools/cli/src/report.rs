@@ -76,7 +76,7 @@ pub fn run(args: &ReportArgs, threads: Option<u16>, quiet: bool) -> Outcome {
         if is_dash(table) {
             return Err(Failure::usage("the commands of a report name its tables; give a file, not standard input"));
         }
-        input::expect_merl(table, input::read(table, &[Kind::Merl])?.as_ref())?;
+        input::table_format(table, input::read(table, &[Kind::Merl])?.as_ref())?;
     }
     std::fs::create_dir_all(&args.out).map_err(|e| Failure::io(&args.out, &e))?;
     let targets = ["report.html", "report.csv", "traces.csv"].map(|name| Target::File(args.out.join(name)));

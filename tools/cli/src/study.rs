@@ -23,7 +23,6 @@ use std::path::Path;
 use std::time::Instant;
 
 use csbrdf::assess::render::Texels;
-use csbrdf::io::merl::read_merl;
 use csbrdf::table::Table;
 
 use crate::args::{FigureArg, StudyArgs};
@@ -136,8 +135,7 @@ fn examine(plan: &Plan, material: &Material, progress: &Progress, figures: &mut 
 
 fn load(path: &Path) -> Result<Table, Failure> {
     let bytes = input::read_within(path, &[Kind::Merl])?;
-    input::expect_merl(path, bytes.as_ref())?;
-    let table = read_merl(bytes.as_ref()).map_err(|e| Failure::in_file(path, &e))?;
+    let table = input::read_table(bytes.as_ref()).map_err(|e| Failure::in_file(path, &e))?;
     if table.valid_count() == 0 {
         return Err(Failure::bad_input(path, "no entry is valid: all are negative, NaN or infinite; nothing to study"));
     }

@@ -63,7 +63,7 @@ fn tables(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
     for entry in std::fs::read_dir(folder).map_err(failed)? {
         let entry = entry.map_err(failed)?;
         let (path, hidden) = (entry.path(), entry.file_name().as_encoded_bytes().starts_with(b"."));
-        if path.extension().is_some_and(|e| e == "binary") && !hidden && !path.is_dir() {
+        if csbrdf::io::is_named_as_table(&path) && !hidden && !path.is_dir() {
             tables.push(path);
         }
     }

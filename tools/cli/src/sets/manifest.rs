@@ -68,7 +68,7 @@ pub struct Material {
     pub valid: u64,
     /// Sampled ones among these.
     pub sampled: u64,
-    /// Quantiser step, log domain.
+    /// Quantiser step that was asked for, log domain: with dependent quantisation the file's own is 0.65 of it.
     pub step: f32,
     /// Root mean square error of ln(f + eps) over the valid entries.
     pub log_rms: f64,

@@ -180,7 +180,7 @@ fn tables(args: &StudyArgs) -> Result<Vec<Material>, Failure> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(|e| Failure::io(folder, &e))? {
         let path = entry.map_err(|e| Failure::io(folder, &e))?.path();
-        if path.extension().is_some_and(|e| e == "binary") {
+        if csbrdf::io::is_named_as_table(&path) {
             let name = path.file_stem().map(names::safe).unwrap_or_default();
             found.push(Material { name, path, chosen: false, on_sheet: false });
         }
