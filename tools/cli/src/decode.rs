@@ -1,25 +1,26 @@
 //! `csbrdf decode`: the whole table, or one block without touching the others.
 
+pub mod whole;
+
 use std::fmt::Write as _;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use csbrdf::decode::Reader;
-use csbrdf::io::merl::{write_merl, write_merl_values};
+use csbrdf::io::merl::write_merl_values;
 use csbrdf::io::npy::write_npy_f32;
 use csbrdf::table::block::Block;
 
 use crate::args::{DecodeArgs, FormatArg};
 use crate::failure::{Failure, Outcome};
 use crate::guard::Guard;
-use crate::input::{self, is_dash};
+use crate::input;
 use crate::output::Target;
+use crate::path::is_dash;
 use crate::quote::csv;
 use crate::salvage;
 use crate::text::nine_digits;
-
-/// Value of an entry that was not measured, as in MERL's tables.
-pub const MISSING: f32 = -1.0;
+use whole::{array_shape, mark, place, write_whole};
 
 pub fn run(args: &DecodeArgs, quiet: bool) -> Outcome {
     let format = format(args)?;
@@ -55,27 +56,6 @@ fn write(reader: &Reader, args: &DecodeArgs, format: FormatArg, target: &Target,
         return target.write(guard, |out| write_merl_values(reader.grid(), &values, out));
     }
     write_whole(reader, args, format, target, guard)
-}
-
-/// The whole table.
-pub fn write_whole<D: AsRef<[u8]> + Sync>(
-    reader: &Reader<D>,
-    args: &DecodeArgs,
-    format: FormatArg,
-    target: &Target,
-    guard: &Guard,
-) -> Outcome {
-    let failed = |e: csbrdf::Error| Failure::in_file(&args.input, &e);
-    if format == FormatArg::Binary {
-        let table = reader.decode_table().map_err(failed)?;
-        // Refused before a file is begun if the grid is not MERL's.
-        return target.write(guard, |out| write_merl(&table, args.fill, out));
-    }
-    let mut values = reader.decode_all().map_err(failed)?;
-    if !args.fill {
-        mark_missing(reader, &mut values).map_err(failed)?;
-    }
-    target.write(guard, |out| write_npy_f32(&values, &array_shape(reader, reader.grid().shape()), out))
 }
 
 /// The format asked for by name, or else by the output's extension.
@@ -171,43 +151,6 @@ fn one_block(reader: &Reader, number: usize, fill: bool) -> csbrdf::Result<Decod
         mark(&mut values, &reader.block_validity(number)?);
     }
     Ok(Decoded { place, values })
-}
-
-fn place<D: AsRef<[u8]>>(reader: &Reader<D>, number: usize) -> csbrdf::Result<Block> {
-    let missing = || csbrdf::Error::InvalidArgument(format!("block {number} does not exist"));
-    reader.partition().block(number).ok_or_else(missing)
-}
-
-fn mark(values: &mut [f32], valid: &[bool]) {
-    for (value, _) in values.iter_mut().zip(valid).filter(|(_, valid)| !**valid) {
-        *value = MISSING;
-    }
-}
-
-/// Overwrites what the recovery filled in.
-fn mark_missing<D: AsRef<[u8]>>(reader: &Reader<D>, values: &mut [f32]) -> csbrdf::Result<()> {
-    let (shape, n) = (reader.grid().shape(), reader.grid().positions());
-    let mut block = Vec::new();
-    for number in 0..reader.block_count() {
-        let valid = reader.block_validity(number)?;
-        if valid.iter().all(|v| *v) {
-            continue;
-        }
-        let place = place(reader, number)?;
-        block.resize(place.positions(), 0.0);
-        for (plane, valid) in values.chunks_exact_mut(n).zip(valid.chunks_exact(place.positions())) {
-            place.gather(shape, plane, &mut block);
-            mark(&mut block, valid);
-            place.scatter(shape, &block, plane);
-        }
-    }
-    Ok(())
-}
-
-/// Channels, then the axes of the table without the padding.
-fn array_shape<D: AsRef<[u8]>>(reader: &Reader<D>, padded: [usize; 4]) -> Vec<usize> {
-    let axes = reader.grid().axes().len();
-    [&[reader.grid().channels().len()], &padded[padded.len() - axes..]].concat()
 }
 
 /// One row a position: its bin along each axis, then the channels.

@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use crate::input::label;
+use crate::path::label;
 use crate::text::clean;
 
 /// Exit codes, as `--help` lists them.

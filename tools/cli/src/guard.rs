@@ -11,8 +11,7 @@ use sha2::{Digest, Sha256};
 
 use crate::encode::hex;
 use crate::failure::{Failure, Outcome};
-use crate::input::{is_dash, label};
-use crate::output::folder_of;
+use crate::path::{folder_of, is_dash, label};
 use crate::sets::manifest::is_plain;
 use crate::source;
 

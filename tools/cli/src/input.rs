@@ -13,17 +13,8 @@ use crate::failure::{Failure, note};
 use crate::formats::{Kind, TABLE};
 pub use crate::formats::{read_table, table_format};
 use crate::guard::Guard;
+pub use crate::path::{is_dash, label};
 use crate::source::{self, Source};
-
-/// True for `-`, standard input or output.
-pub fn is_dash(path: &Path) -> bool {
-    path.as_os_str() == "-"
-}
-
-/// What messages call a path.
-pub fn label(path: &Path) -> String {
-    if is_dash(path) { "standard input".into() } else { path.display().to_string() }
-}
 
 /// The bytes of a file or of standard input, of one of these kinds.
 pub fn read(path: &Path, kinds: &[Kind]) -> Result<Bytes, Failure> {

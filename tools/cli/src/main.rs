@@ -15,6 +15,7 @@ mod input;
 mod lint;
 mod names;
 mod output;
+mod path;
 mod pending;
 mod picture;
 mod plan;

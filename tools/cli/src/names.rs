@@ -6,7 +6,7 @@ use std::path::Path;
 use sha2::{Digest, Sha256};
 
 use crate::encode::hex;
-use crate::input::label;
+use crate::path::label;
 use crate::text::clean;
 
 /// Most bytes of a name that becomes part of a file's name: file systems take 255, and more is put before and after.

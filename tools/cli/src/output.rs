@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crate::failure::{Failure, Outcome, note};
 use crate::guard::{Guard, exists};
-use crate::input::{is_dash, label};
+use crate::path::{folder_of, is_dash, label};
 use crate::pending::Pending;
 use crate::stdout;
 
@@ -106,13 +106,5 @@ impl std::fmt::Display for Target {
             Target::Stdout => write!(f, "standard output"),
             Target::File(path) => write!(f, "{}", path.display()),
         }
-    }
-}
-
-/// The folder that a path names a file in.
-pub fn folder_of(path: &Path) -> &Path {
-    match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
     }
 }

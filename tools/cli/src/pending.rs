@@ -10,7 +10,7 @@ use std::path::Path;
 
 use tempfile::{Builder, NamedTempFile};
 
-use crate::output::folder_of;
+use crate::path::folder_of;
 
 /// See the module.
 pub enum Pending {

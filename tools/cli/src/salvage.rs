@@ -7,7 +7,7 @@ use csbrdf::edit::salvage::{Damage, Options, Outcome as Cost, Salvaged, WANTED, 
 use csbrdf::io::merl::write_merl_values;
 
 use crate::args::{DecodeArgs, FormatArg};
-use crate::decode::{MISSING, write_whole};
+use crate::decode::whole::{MISSING, write_whole};
 use crate::failure::{Failure, Outcome, note};
 use crate::formats::Kind;
 use crate::guard::Guard;

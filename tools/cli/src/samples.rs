@@ -8,7 +8,7 @@ use csbrdf::table::Table;
 use csbrdf::table::grid::Grid;
 
 use crate::failure::{Failure, note};
-use crate::input::label;
+use crate::path::label;
 use crate::text::{grouped, percent};
 
 /// The table of a list; what was measured goes to standard error.

@@ -10,7 +10,7 @@ use std::path::Path;
 use crate::failure::Failure;
 use crate::formats::{self, Kind, Length};
 use crate::input::{Bytes, is_dash, label};
-use crate::output::folder_of;
+use crate::path::folder_of;
 
 /// Most bytes that are read from a pipe: it may never end.
 pub const STREAM_LIMIT: u64 = 1 << 30;

@@ -1,29 +1,22 @@
 //! `csbrdf verify`: every byte of a file or of the files of a manifest, and what they state about their errors.
 
-use std::fmt::Write;
-use std::path::Path;
-
-use csbrdf::assess::proof::prove;
-use csbrdf::decode::Reader;
-use sha2::{Digest, Sha256};
+pub mod file;
 
 use crate::args::VerifyArgs;
-use crate::encode::hex;
 use crate::failure::{Failure, Outcome};
-use crate::formats::{Kind, TABLE};
-use crate::gone::Gone;
-use crate::input::{self, Bytes, label};
-use crate::output::{folder_of, print};
+use crate::formats::Kind;
+use crate::input;
+use crate::path::{folder_of, is_dash, label};
 use crate::sets::check;
 use crate::sets::manifest::Manifest;
 use crate::sets::unfinished::is_in;
-use crate::text::{clean, decibel, error_figure, grouped};
+use file::{Original, Tell, verify};
 
 pub fn run(args: &VerifyArgs, quiet: bool) -> Outcome {
     if args.against.is_some() && args.files.len() > 1 {
         return Err(Failure::usage("--against ORIGINAL is for one file or manifest; verify them one by one"));
     }
-    if args.against.as_deref().is_some_and(input::is_dash) {
+    if args.against.as_deref().is_some_and(is_dash) {
         return Err(Failure::usage("--against takes the file of the original, not standard input"));
     }
     let mut tell = Tell { quiet, first_failure: None };
@@ -47,117 +40,4 @@ pub fn run(args: &VerifyArgs, quiet: bool) -> Outcome {
         }
     }
     tell.first_failure.map_or(Ok(()), Err)
-}
-
-/// Tells results as they come.
-pub struct Tell {
-    /// Failures only.
-    pub quiet: bool,
-    first_failure: Option<Failure>,
-}
-
-impl Tell {
-    /// Text to standard output unless that is to be quiet, a failure to standard error. Fails if nobody reads any more.
-    pub fn result(&mut self, text: String, result: Outcome) -> Outcome {
-        if !self.quiet {
-            print(&text)?;
-        }
-        if let Err(failure) = result {
-            failure.report();
-            self.first_failure.get_or_insert(failure.reported());
-        }
-        Ok(())
-    }
-}
-
-/// The table that a file was made from.
-pub struct Original<'a> {
-    /// Where it is.
-    pub table: &'a Path,
-    /// Its SHA-256 as others than the file state it.
-    pub sha256: Option<&'a str>,
-}
-
-/// Checks a file, and compares it with its original if that is given.
-pub fn verify(file: &Path, bytes: Bytes, against: Option<&Original>) -> (String, Outcome) {
-    let reader = match input::reader(bytes) {
-        Ok(reader) => reader,
-        Err(e) => return (String::new(), Err(Failure::in_file(file, &e))),
-    };
-    let name = clean(&label(file));
-    let damage = reader.verify();
-    let Some(first) = damage.first() else {
-        let gone = Gone::of(&reader);
-        let (mut text, mut outcome) = intact(file, &name, &gone);
-        if let Some(original) = against {
-            let proven = proof(file, &reader, original, &mut text);
-            outcome = outcome.and(proven);
-        }
-        return (text, outcome);
-    };
-    let mut text = String::new();
-    for error in &damage {
-        let _ = writeln!(text, "{name}: {}", clean(&error.to_string()));
-    }
-    let places = if damage.len() == 1 { "one place is".into() } else { format!("{} places are", damage.len()) };
-    let failure = match first {
-        csbrdf::Error::LimitExceeded { .. } => Failure::in_file(file, first),
-        _ => Failure::bad_input(file, format!("{places} damaged; fetch the file again")),
-    };
-    (text, Err(failure))
-}
-
-/// What is said of a file without damage: that damage took some of it before it was repaired, if so, is a failure.
-fn intact(file: &Path, name: &str, gone: &Gone) -> (String, Outcome) {
-    let blocks = grouped(gone.blocks);
-    let pruned = match gone.pruned {
-        0 => String::new(),
-        n => format!(", {} of them pruned", grouped(n)),
-    };
-    if !gone.is_hurt() {
-        return (format!("{name}: ok, {blocks} blocks{pruned}\n"), Ok(()));
-    }
-    let what = gone.what_is_lost();
-    let text = format!("{name}: what there is is intact, {blocks} blocks{pruned}, but {what}\n");
-    (text, Err(Failure::bad_input(file, format!("{what}; the file was repaired: look for an intact copy of it"))))
-}
-
-/// Measures the file's errors against the original and adds what it finds to the text.
-fn proof(file: &Path, reader: &Reader, original: &Original, text: &mut String) -> Outcome {
-    let sha256 = original.sha256.map(str::to_string);
-    let original = original.table;
-    let failed = |e: csbrdf::Error| Failure::in_file(file, &e);
-    // Read once: what is compared is what the hash is of.
-    let bytes = match sha256 {
-        None => input::read(original, TABLE)?,
-        // Of a set, which names its tables itself.
-        Some(_) => input::read_regular(original, TABLE)?,
-    };
-    let hash = hex(&Sha256::digest(bytes.as_ref()));
-    let proof = prove(&input::table_of(original, bytes)?, reader).map_err(failed)?;
-    let (name, figures) = (clean(&label(file)), &proof.figures);
-    let mut broken = proof.broken;
-    let stated = reader.metadata().map_err(failed)?.source_sha256;
-    if let Some(stated) = stated.into_iter().chain(sha256).find(|stated| *stated != hash) {
-        let other = clean(&label(original));
-        broken.push(format!("{other} is not the table that the file was made from: SHA-256 {hash}, stated {stated}"));
-    }
-    let errors = format!("log rms {}, largest {}", error_figure(figures.log_rms), error_figure(figures.log_max));
-    let contract = match proof.contract {
-        None => "no contract stated".into(),
-        Some(contract) => {
-            let figure = figures.psnr.map_or(String::new(), |psnr| format!(", render PSNR {} dB", decibel(psnr)));
-            let word = if contract.kept(figures) { "kept" } else { "broken" };
-            format!("contract {} {} {word}{figure}", contract.name(), contract.asked())
-        }
-    };
-    let bits = if reader.is_lossless() && broken.is_empty() { ", every bit restored" } else { "" };
-    let _ = writeln!(text, "{name}: {errors}, {contract}{bits}");
-    for statement in &broken {
-        let _ = writeln!(text, "{name}: {}", clean(statement));
-    }
-    match broken.len() {
-        0 => Ok(()),
-        n => Err(Failure::operation(format!("{name}: does not keep its word against the original ({n} statements)"))),
-    }
 }

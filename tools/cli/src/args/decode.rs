@@ -22,7 +22,8 @@ pub struct DecodeArgs {
     /// A .csbrdf file, or - for standard input
     #[arg(value_name = "FILE")]
     pub input: PathBuf,
-    /// Only this block: its place among the blocks along each axis, or its number
+    /// Only this block: its number, as info --blocks lists it. Where the blocks form a regular grid, as those of encode
+    /// --block 15,15,15 (not those of archive files by default), also its place along each axis
     #[arg(long, value_name = "I,J,K|N", value_parser = indices)]
     pub block: Option<List>,
     /// Write what the recovery filled in where nothing was measured, not -1

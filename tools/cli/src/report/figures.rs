@@ -3,9 +3,8 @@
 use super::Tried;
 use super::axis::is_plottable;
 use super::front::pareto_front;
-use super::page::anchor;
 use super::plot::{Line, Mark, Plot};
-use super::point::Point;
+use super::point::{Point, anchor};
 use super::style::Style;
 use super::trace::Followed;
 use crate::text::{decibel, error_figure, grouped};

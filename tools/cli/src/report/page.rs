@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::figures::{following, precision};
 use super::front::pareto_front;
-use super::point::{DECODES, Point};
+use super::point::{DECODES, Point, anchor};
 use super::style::Style;
 use super::trace::{GAP, RUNS};
 use super::{Run, Tried};
@@ -166,9 +166,4 @@ fn commands(out: &mut String, table: usize, tried: &Tried) {
         }
         out.push_str("</ul>\n");
     }
-}
-
-/// The name of a point's row.
-pub fn anchor(table: usize, point: usize) -> String {
-    format!("t{table}p{point}")
 }

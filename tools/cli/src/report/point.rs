@@ -19,6 +19,11 @@ use crate::quote;
 /// Decodes of a point; the fastest counts.
 pub const DECODES: usize = 5;
 
+/// What a page calls the row of a point, for links to it.
+pub fn anchor(table: usize, point: usize) -> String {
+    format!("t{table}p{point}")
+}
+
 /// Settings, cost and error of one file.
 #[derive(Clone, Debug)]
 pub struct Point {

@@ -15,7 +15,7 @@ use crate::formats::Kind;
 use crate::input::{self, Bytes, is_dash, label};
 use crate::source::{self, READ_LIMIT, Source};
 use crate::text::{clean, grouped};
-use crate::verify::{Original, Tell, verify};
+use crate::verify::file::{Original, Tell, verify};
 
 /// Verifies a set; with a folder of the tables it was made from, their files against these. What is found is told file
 /// by file.

@@ -6,8 +6,8 @@ use std::path::Path;
 use super::manifest::Manifest;
 use crate::args::InfoArgs;
 use crate::failure::{Failure, Outcome};
-use crate::input::label;
 use crate::output;
+use crate::path::label;
 use crate::quote;
 use crate::text::{clean, error_figure, grouped};
 

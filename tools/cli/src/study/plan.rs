@@ -10,8 +10,8 @@ use csbrdf::encode::Preset;
 use super::light;
 use crate::args::{FigureArg, StudyArgs};
 use crate::failure::{Failure, note};
-use crate::input::label;
 use crate::names;
+use crate::path::label;
 use crate::quote::shell;
 
 /// The presets that are compared, by name.

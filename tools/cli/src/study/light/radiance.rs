@@ -144,6 +144,10 @@ fn too_long<T>(width: usize) -> Result<T, Refused> {
 
 #[cfg(test)]
 mod tests {
+    use proptest::collection::vec;
+    use proptest::prelude::*;
+    use proptest::sample::Index;
+
     use super::*;
 
     fn file(width: usize, height: usize, rows: &[u8]) -> Vec<u8> {
@@ -216,9 +220,15 @@ mod tests {
             assert!(refusal(&file(side, side, &[])).contains("smaller map"));
         }
         assert!(refusal(&file(1 << 12, 1 << 13, &[])).contains("ends in the middle"));
-        for (size, what) in
-            [("+Y 2 +X 2", "+Y 2"), ("-Y 2 +X", "expected"), ("-Y 99999999999 +X 1", "9999"), ("", "\"\"")]
-        {
+        for (size, what) in [
+            ("+Y 2 +X 2", "+Y 2"),
+            ("-Y 2 -X 2", "-X 2"),
+            ("+X 2 -Y 2", "+X 2"),
+            ("-Y -2 +X 2", "-Y -2"),
+            ("-Y 2 +X", "expected"),
+            ("-Y 99999999999 +X 1", "9999"),
+            ("", "\"\""),
+        ] {
             assert!(refusal(format!("#?RADIANCE\n\n{size}\n").as_bytes()).contains(what), "{size}");
         }
         assert!(refusal(b"#?RADIANCE\nFORMAT=32-bit_rle_xyze\n\n").contains("32-bit_rle_xyze"));
@@ -228,5 +238,42 @@ mod tests {
         for (width, height) in [(0, u32::MAX as usize), (u32::MAX as usize, 0)] {
             assert!(read(&file(width, height, &[])[..]).unwrap().texels.is_empty());
         }
+    }
+    #[test]
+    fn comments_and_other_variables_are_passed_over() {
+        let texel = [128, 64, 1, 129];
+        let plain = read(&file(1, 1, &texel)[..]).unwrap();
+        let header = b"#?RGBE\n# -Y 9 +X 9\nEXPOSURE=2\nnot a variable\n FORMAT = 32-bit_rle_rgbe\n\n-Y 1 +X 1\n";
+        let map = read(&[&header[..], &texel].concat()[..]).unwrap();
+        assert_eq!((map.width, map.height, map.texels), (1, 1, plain.texels));
+    }
+
+    proptest! {
+        /// Any bytes for rows give a picture of the stated size or are refused.
+        #[test]
+        fn any_rows(width in 0usize..40, height in 0usize..6, rows in vec(row_byte(), 0..400)) {
+            if let Ok(map) = read(&file(width, height, &rows)[..]) {
+                prop_assert_eq!((map.width, map.height, map.texels.len()), (width, height, width * height));
+            }
+        }
+
+        /// So do any bytes for the whole file, and a file of which some bytes are changed.
+        #[test]
+        fn any_file(bytes in vec(any::<u8>(), 0..200), changes in vec((any::<Index>(), any::<u8>()), 1..4)) {
+            let _ = read(&bytes[..]);
+            let mut changed = file(9, 2, &[[2, 2, 0, 9, 137, 1, 137, 2, 137, 3, 137, 128]; 2].concat());
+            for (at, byte) in changes {
+                let at = at.index(changed.len());
+                changed[at] = byte;
+            }
+            if let Ok(map) = read(&changed[..]) {
+                prop_assert_eq!(map.texels.len(), map.width * map.height);
+            }
+        }
+    }
+
+    /// Bytes that often announce runs of either kind.
+    fn row_byte() -> impl Strategy<Value = u8> {
+        prop_oneof![Just(1), Just(2), 0u8..40, 128u8..170, any::<u8>()]
     }
 }
