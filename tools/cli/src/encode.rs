@@ -24,7 +24,7 @@ use crate::input::read_table;
 use crate::output::Target;
 use crate::path::{is_dash, label};
 use crate::sets::manifest::TOOL;
-use crate::text::{clean, error_figure, grouped, percent};
+use crate::text::{clean, error_figure, grouped, hex, percent};
 use job::{Input, Job};
 
 /// No progress bar for less work than this.
@@ -275,11 +275,6 @@ fn progress_bar(what: &str, length: u64) -> ProgressBar {
     let style = ProgressStyle::with_template("{msg} [{bar:30}] {percent:>3} %  {elapsed}");
     bar.set_style(style.map(|s| s.progress_chars("=> ")).unwrap_or_else(|_| ProgressStyle::default_bar()));
     bar.with_message(clean(what))
-}
-
-/// Bytes in hexadecimal.
-pub fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 #[cfg(test)]

@@ -9,11 +9,11 @@ use csbrdf::decode::Reader;
 use csbrdf::format::metadata::Metadata;
 use sha2::{Digest, Sha256};
 
-use crate::encode::hex;
 use crate::failure::{Failure, Outcome};
 use crate::path::{folder_of, is_dash, label};
 use crate::sets::manifest::is_plain;
 use crate::source;
+use crate::text::hex;
 
 /// See the module.
 #[derive(Clone, Debug, Default)]

@@ -5,9 +5,9 @@ use std::path::Path;
 
 use sha2::{Digest, Sha256};
 
-use crate::encode::hex;
 use crate::path::label;
 use crate::text::clean;
+use crate::text::hex;
 
 /// Most bytes of a name that becomes part of a file's name: file systems take 255, and more is put before and after.
 pub const LONGEST: usize = 120;

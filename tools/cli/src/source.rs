@@ -8,17 +8,9 @@ use std::io::Read;
 use std::path::Path;
 
 use crate::failure::Failure;
-use crate::formats::{self, Kind, Length};
-use crate::input::{Bytes, is_dash, label};
-use crate::path::folder_of;
-
-/// Most bytes that are read from a pipe: it may never end.
-pub const STREAM_LIMIT: u64 = 1 << 30;
-
-/// Larger files are mapped. Up to here they are read, and a file that another process cuts short meanwhile is an error as any other; in
-/// a map it would end this process by SIGBUS. Files of some 20 kB take no longer so; one block of a lossless file of 20 MB takes 32 ms
-/// of a processor in place of 4, and a comparison with a MERL table of 35 MB 539 in place of 492.
-pub const READ_LIMIT: u64 = 1 << 28;
+use crate::formats::{self, Kind, Length, READ_LIMIT, STREAM_LIMIT};
+use crate::path::{folder_of, is_dash, label};
+use csbrdf::Bytes;
 
 /// An input that was opened.
 pub enum Source {

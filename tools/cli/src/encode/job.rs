@@ -9,7 +9,7 @@ use csbrdf::format::metadata::Metadata;
 use csbrdf::table::Table;
 use sha2::{Digest, Sha256};
 
-use super::{contract, describe, hex, parse};
+use super::{contract, describe, parse};
 use crate::args::EncodeArgs;
 use crate::failure::Failure;
 use crate::formats::Kind;
@@ -18,6 +18,7 @@ use crate::input::{self, Bytes};
 use crate::output::Target;
 use crate::sets::manifest::{Kept, Material};
 use crate::sets::unfinished::Set;
+use crate::text::hex;
 use crate::text::percent;
 use crate::{plan, samples};
 

@@ -8,12 +8,13 @@ use serde_json::Value;
 use sha2::{Digest, Sha256};
 
 use super::manifest::{Manifest, Material};
-use super::unfinished;
-use crate::encode::hex;
+use super::{entry, unfinished};
 use crate::failure::{Failure, Outcome, note};
 use crate::formats::Kind;
+use crate::formats::READ_LIMIT;
 use crate::input::{self, Bytes, is_dash, label};
-use crate::source::{self, READ_LIMIT, Source};
+use crate::source::{self, Source};
+use crate::text::hex;
 use crate::text::{clean, grouped};
 use crate::verify::file::{Original, Tell, verify};
 
@@ -147,22 +148,7 @@ fn statements(material: &Material, bytes: &[u8]) -> Vec<String> {
 /// The .csbrdf files of the folder that the manifest does not list, by name.
 fn extra(folder: &Path, manifest: &Manifest) -> Result<Vec<String>, Failure> {
     let listed: HashSet<&str> = manifest.materials.iter().map(|m| m.file.as_str()).collect();
-    let mut extra = files(folder)?;
+    let mut extra = entry::files(folder)?;
     extra.retain(|name| !listed.contains(name.as_str()));
     Ok(extra)
-}
-
-/// The .csbrdf files of a folder but hidden ones, by name.
-pub fn files(folder: &Path) -> Result<Vec<String>, Failure> {
-    let failed = |e: std::io::Error| Failure::io(folder, &e);
-    let mut files = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(failed)? {
-        let name = entry.map_err(failed)?.file_name();
-        let name = name.to_string_lossy();
-        if name.ends_with(".csbrdf") && !name.starts_with('.') {
-            files.push(name.into_owned());
-        }
-    }
-    files.sort_unstable();
-    Ok(files)
 }

@@ -10,8 +10,9 @@ use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
 
 use super::manifest::{Kept, Material};
-use crate::encode::hex;
+use crate::failure::Failure;
 use crate::output::Target;
+use crate::text::hex;
 
 impl Kept {
     /// A contract and what the file says of it.
@@ -72,4 +73,19 @@ impl Material {
             },
         }
     }
+}
+
+/// The .csbrdf files of a folder but hidden ones, by name.
+pub fn files(folder: &Path) -> Result<Vec<String>, Failure> {
+    let failed = |e: std::io::Error| Failure::io(folder, &e);
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(failed)? {
+        let name = entry.map_err(failed)?.file_name();
+        let name = name.to_string_lossy();
+        if name.ends_with(".csbrdf") && !name.starts_with('.') {
+            files.push(name.into_owned());
+        }
+    }
+    files.sort_unstable();
+    Ok(files)
 }

@@ -17,12 +17,12 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::manifest::{self, LIMIT, Manifest, Material};
-use crate::encode::hex;
 use crate::failure::{Failure, Outcome, note};
 use crate::formats::Kind;
 use crate::guard::exists;
 use crate::input;
 use crate::source;
+use crate::text::hex;
 
 /// Name of the record in the folder of the set.
 pub const NAME: &str = ".csbrdf-set.jsonl";
@@ -327,7 +327,7 @@ fn check_manifest(
 
 /// Fails, naming them, if files are there that would not be in the manifest.
 fn check_others(folder: &Path, names: &[String]) -> Outcome {
-    let mut others = super::check::files(folder)?;
+    let mut others = super::entry::files(folder)?;
     others.retain(|name| !names.contains(name));
     let what =
         "none of the tables given becomes this file; move it elsewhere, or leave it out of the manifest by --force";

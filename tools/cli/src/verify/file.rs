@@ -7,13 +7,13 @@ use csbrdf::assess::proof::prove;
 use csbrdf::decode::Reader;
 use sha2::{Digest, Sha256};
 
-use crate::encode::hex;
 use crate::failure::{Failure, Outcome};
 use crate::formats::TABLE;
 use crate::gone::Gone;
 use crate::input::{self, Bytes};
 use crate::output::print;
 use crate::path::label;
+use crate::text::hex;
 use crate::text::{clean, decibel, error_figure, grouped};
 
 /// Reports results as they come.

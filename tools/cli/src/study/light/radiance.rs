@@ -168,7 +168,7 @@ mod tests {
     fn texels_are_mantissas_times_a_power_of_two() {
         assert_eq!(radiance([128, 64, 1, 129]), [1.0, 0.5, 1.0 / 128.0]);
         assert_eq!(radiance([9, 9, 9, 0]), [0.0; 3]);
-        assert_eq!(radiance([1, 2, 255, 1]), [1.0, 2.0, 255.0].map(|c: f32| c * 2f32.powi(-135)));
+        assert_eq!(radiance([1, 2, 255, 1]), [1.0, 2.0, 255.0].map(|c: f32| c * f32::from_bits(1 << 14)));
         assert_eq!(radiance([255, 0, 0, 255])[0], 255.0 * 2f32.powi(119));
     }
 
