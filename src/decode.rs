@@ -53,6 +53,7 @@ pub struct Reader<D = Bytes> {
 
 /// What a decoder makes of blocks that were pruned from a file ([`Reader::with_pruned`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum PrunedPolicy {
     /// An error, [`Error::Pruned`].
     #[default]

@@ -44,17 +44,8 @@ pub use effort::Effort;
 use job::Job;
 use prepare::Prepared;
 use progress::Progress;
-pub use report::Report;
+pub use report::{Encoded, Report};
 pub use settings::{Channels, Encoder, Preset};
-
-/// A finished file and how it came about.
-#[derive(Clone, Debug)]
-pub struct Encoded {
-    /// The bytes of the file.
-    pub bytes: Vec<u8>,
-    /// Sizes, errors and cost.
-    pub report: Report,
-}
 
 impl Encoder {
     /// Encodes a table. The same table, settings and seed give the same bytes, whatever the number of threads. (On

@@ -64,6 +64,7 @@ fn values_at(spectrum: &Spectrum, index: usize) -> Vec<f64> {
     let function = match spectrum.basis {
         Basis::Dct => dct,
         Basis::Dft => dft,
+        other => panic!("{other:?} has no sums here"),
     };
     let mut x: Vec<f64> = (0..channels)
         .map(|t| spectrum.components[t].iter().map(|&(p, s)| f64::from(s) * function(p as usize, at, shape)).sum())

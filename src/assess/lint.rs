@@ -25,6 +25,7 @@ pub const MOST_AT_HORIZON: f64 = 1.0;
 
 /// What was found about a material.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Findings {
     /// Names of the channels that were looked at.
     pub channels: Vec<String>,
@@ -44,6 +45,7 @@ pub struct Findings {
 
 /// Entries of a table over all channels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Shares {
     /// Measured.
     pub measured: usize,
@@ -55,6 +57,7 @@ pub struct Shares {
 
 /// What a material that exists would not do.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Warning {
     /// More light is reflected than arrives.
     Energy {

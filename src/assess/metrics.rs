@@ -14,6 +14,7 @@ pub const DEFAULT_EPS: f64 = 1e-3;
 
 /// Error figures of one channel or of all. Never NaN; where `compared` is 0 the errors are 0 and the ratio is infinite.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Errors {
     /// Number of entries valid in both tables.
     pub compared: usize,
@@ -30,6 +31,7 @@ pub struct Errors {
 
 /// The result of [`compare`].
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Comparison {
     /// Over the entries of all channels.
     pub overall: Errors,

@@ -113,6 +113,7 @@ pub fn measurable(grid: &Grid) -> Result<Vec<Option<Measurement>>> {
 
 /// What to measure, and how it was drawn.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Plan {
     /// The grid of the table to come.
     pub grid: Grid,

@@ -14,6 +14,7 @@ pub const PICTURE: usize = 128;
 
 /// What a comparison with the original has shown.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Proof {
     /// Measured: over the valid entries of the original, after conversion to its units in binary64.
     pub figures: Figures,
@@ -49,36 +50,9 @@ pub fn prove<D: AsRef<[u8]> + Sync>(original: &Table, reader: &Reader<D>) -> Res
     if differ > 0 {
         broken.push(format!("{differ} entries are valid in one of the tables only"));
     }
-    let blocks: Vec<(f64, f64, usize)> = (0..reader.block_count())
-        .into_par_iter()
-        .map(|number| block_errors(original, &decoded, reader, number))
-        .collect();
-    let (mut squares, mut count, mut log_max) = (0.0, 0, 0f64);
-    let (mut beyond, mut first) = (0, None);
-    for (number, &(sum, max, valid)) in blocks.iter().enumerate() {
-        let stated = reader.stated_errors(number);
-        let rms = (sum / valid.max(1) as f64).sqrt();
-        if !holds(rms, stated.0.into()) || !holds(max, stated.1.into()) {
-            beyond += 1;
-            first.get_or_insert(format!(
-                "block {number}: rms {rms:.3e} of {:.3e}, largest {max:.3e} of {:.3e}",
-                stated.0, stated.1
-            ));
-        }
-        squares += sum;
-        count += valid;
-        log_max = log_max.max(max);
-    }
-    if let Some(first) = first {
-        broken.push(format!("{beyond} blocks are further off than the index states ({first})"));
-    }
-    let mut figures = Figures {
-        bytes: reader.len() as u64,
-        entries: original.values().len(),
-        log_rms: (squares / count.max(1) as f64).sqrt(),
-        log_max,
-        psnr: None,
-    };
+    let (log_rms, log_max) = check_blocks(original, &decoded, reader, &mut broken);
+    let mut figures =
+        Figures { bytes: reader.len() as u64, entries: original.values().len(), log_rms, log_max, psnr: None };
     if reader.is_lossless() {
         let exact = reader.exact_table()?;
         let differ = original.values().iter().zip(&exact).filter(|(a, b)| a.to_bits() != b.to_bits()).count();
@@ -100,19 +74,57 @@ pub fn prove<D: AsRef<[u8]> + Sync>(original: &Table, reader: &Reader<D>) -> Res
             let images = spheres_of_tables(original, &decoded, PICTURE);
             figures.psnr = Some(psnr(&images[0], &images[1])?);
         }
-        let (name, figure) = (contract.name(), contract.figure(&figures));
-        if !contract.kept(&figures) {
-            broken.push(format!("the contract is {name} {}, the file has {figure}", contract.asked()));
-        }
-        let better = |achieved: f64| match contract {
-            Contract::Psnr(_) | Contract::Ratio(_) => holds(achieved, figure),
-            _ => holds(figure, achieved),
-        };
-        if let Some(achieved) = achieved.filter(|&achieved| !better(achieved)) {
-            broken.push(format!("the metadata state {name} {achieved} as achieved, the file has {figure}"));
-        }
+        check_contract(contract, achieved, &figures, &mut broken);
     }
     Ok(Proof { figures, contract: stated.map(|(contract, _)| contract), broken })
+}
+
+/// Rms and largest error over the valid entries, and whether each block is within what the index states of it.
+fn check_blocks<D: AsRef<[u8]> + Sync>(
+    original: &Table,
+    decoded: &Table,
+    reader: &Reader<D>,
+    broken: &mut Vec<String>,
+) -> (f64, f64) {
+    let blocks: Vec<(f64, f64, usize)> = (0..reader.block_count())
+        .into_par_iter()
+        .map(|number| block_errors(original, decoded, reader, number))
+        .collect();
+    let (mut squares, mut count, mut log_max) = (0.0, 0, 0f64);
+    let (mut beyond, mut first) = (0, None);
+    for (number, &(sum, max, valid)) in blocks.iter().enumerate() {
+        let stated = reader.stated_errors(number);
+        let rms = (sum / valid.max(1) as f64).sqrt();
+        if !holds(rms, stated.0.into()) || !holds(max, stated.1.into()) {
+            beyond += 1;
+            first.get_or_insert(format!(
+                "block {number}: rms {rms:.3e} of {:.3e}, largest {max:.3e} of {:.3e}",
+                stated.0, stated.1
+            ));
+        }
+        squares += sum;
+        count += valid;
+        log_max = log_max.max(max);
+    }
+    if let Some(first) = first {
+        broken.push(format!("{beyond} blocks are further off than the index states ({first})"));
+    }
+    ((squares / count.max(1) as f64).sqrt(), log_max)
+}
+
+/// Whether a file's figures keep its contract, and what its metadata state as achieved.
+fn check_contract(contract: Contract, achieved: Option<f64>, figures: &Figures, broken: &mut Vec<String>) {
+    let (name, figure) = (contract.name(), contract.figure(figures));
+    if !contract.kept(figures) {
+        broken.push(format!("the contract is {name} {}, the file has {figure}", contract.asked()));
+    }
+    let better = |achieved: f64| match contract {
+        Contract::Psnr(_) | Contract::Ratio(_) => holds(achieved, figure),
+        _ => holds(figure, achieved),
+    };
+    if let Some(achieved) = achieved.filter(|&achieved| !better(achieved)) {
+        broken.push(format!("the metadata state {name} {achieved} as achieved, the file has {figure}"));
+    }
 }
 
 /// Sum of squared log errors, largest, and number of the valid entries of a block.

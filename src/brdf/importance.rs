@@ -34,6 +34,7 @@ const BELOW_ONE: f64 = 1.0 - f64::EPSILON / 2.0;
 
 /// A direction that was drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Sample {
     /// Unit vector away from the surface, z along the normal, above the horizon (`z > 0`).
     pub wo: [f64; 3],

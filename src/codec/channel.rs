@@ -5,6 +5,7 @@ use crate::base::real::Real;
 
 /// A transform over the channels of each position, in the log domain.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum ChannelTransform {
     /// Channels as they are.
     None,

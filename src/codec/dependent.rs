@@ -4,6 +4,7 @@
 
 /// Which multiples of the step coefficients may be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Quantization {
     /// All.
     Scalar,

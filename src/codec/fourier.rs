@@ -21,6 +21,7 @@ pub use dft::partners;
 /// An orthonormal basis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
+#[non_exhaustive]
 pub enum Basis {
     /// Separable DCT-II.
     Dct = 0,

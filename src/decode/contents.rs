@@ -23,6 +23,7 @@ pub enum Origin {
 
 /// What a file says about one block.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct BlockInfo {
     /// Place and shape.
     pub block: Block,

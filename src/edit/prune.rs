@@ -24,6 +24,7 @@ use recode::{Recoder, Remains};
 
 /// What a pruned file holds.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct PrunedFile {
     /// The file.
     pub bytes: Vec<u8>,

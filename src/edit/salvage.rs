@@ -83,6 +83,7 @@ impl Options {
 
 /// One place of a file that is damaged.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Damage {
     /// Section, or "section table", "end marker", "file".
     pub section: Cow<'static, str>,
@@ -121,6 +122,7 @@ impl Damage {
 }
 
 /// A file as far as it is intact.
+#[non_exhaustive]
 pub struct Salvaged {
     reader: Reader<Vec<u8>>,
     damage: Vec<Damage>,

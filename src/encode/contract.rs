@@ -22,6 +22,7 @@ pub enum Contract {
 
 /// The figures of a file that contracts are about.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Figures {
     /// Bytes.
     pub bytes: u64,

@@ -2,6 +2,7 @@
 
 /// What an encode of all valid entries tries. Bytes and seconds by tools/figures.py are in docs/results.md.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub enum Effort {
     /// A few block shapes, holes filled in few steps.
     Fast,

@@ -1,9 +1,21 @@
 //! What an encode achieved.
 
+use super::contract::Figures;
 use crate::base::limits::Limits;
+
+/// A finished file and how it came about.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct Encoded {
+    /// The bytes of the file.
+    pub bytes: Vec<u8>,
+    /// Sizes, errors and cost.
+    pub report: Report,
+}
 
 /// What an encode achieved, measured with the decoder, and what it cost.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Report {
     /// Entries of all channels.
     pub entries: usize,
@@ -37,5 +49,13 @@ impl Report {
     /// `None` where they allow it by default.
     pub fn needs_limit(&self) -> Option<usize> {
         (self.entries > Limits::default().table_values).then_some(self.entries)
+    }
+}
+
+impl Encoded {
+    /// What contracts are about; without a render PSNR, which takes pictures.
+    pub fn figures(&self) -> Figures {
+        let Report { entries, log_rms, log_max, .. } = self.report;
+        Figures { bytes: self.bytes.len() as u64, entries, log_rms, log_max, psnr: None }
     }
 }

@@ -17,6 +17,7 @@ pub(super) const ADAPTIVE_START: Sampling = Sampling::Bernoulli { threshold: 1 <
 
 /// Named sets of settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Preset {
     /// The source paper's: DFT, 15 x 15 x 15 blocks, plain l1 recovery from 5 % of the entries.
     Paper,
@@ -29,6 +30,7 @@ pub enum Preset {
 
 /// Whether colour channels are coded together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Channels {
     /// Each channel alone.
     Separate,

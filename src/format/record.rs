@@ -8,6 +8,7 @@ const OVERHEAD: usize = 5;
 
 /// Which entries of a block are valid.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum ValidityClass {
     /// All of them.
     #[default]

@@ -54,6 +54,7 @@ pub fn directions(angles: HalfDiff) -> ([f64; 3], [f64; 3]) {
 
 /// How a value is read between bin centres.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Lookup {
     /// The bin that holds the position, as the MERL reference reader does.
     Nearest,

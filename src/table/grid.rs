@@ -6,6 +6,7 @@ use crate::base::limits::{MAX_ANGLE, MAX_AXES, MAX_AXIS_LEN, MAX_CHANNEL_NAME, M
 /// What an axis of the grid measures. All angles are in radians.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
+#[non_exhaustive]
 pub enum AxisName {
     /// Anything without an angular meaning known to this version.
     Other = 0,
@@ -55,6 +56,7 @@ impl AxisName {
 /// How the bins of an axis are spread over its range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
+#[non_exhaustive]
 pub enum Mapping {
     /// Equal bins: `angle = start + (end - start) * t`.
     Linear = 0,

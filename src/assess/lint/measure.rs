@@ -32,6 +32,7 @@ const MOST_RATIO: f64 = 1e6;
 
 /// Share of the light from a direction that is reflected, by channel.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Albedo {
     /// Elevation of wi, degrees.
     pub theta_i: f64,
@@ -44,6 +45,7 @@ pub struct Albedo {
 
 /// Difference of ln(f + 0.001/sr) between pairs of directions that should reflect alike.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Deviation {
     /// Over 4096 pairs below 85 degrees, even in azimuth and in solid angle, and all channels.
     pub rms: f64,
@@ -57,6 +59,7 @@ pub struct Deviation {
 
 /// How much light goes along the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Horizon {
     /// Elevation of wi, degrees.
     pub theta_i: f64,

@@ -15,6 +15,7 @@ use crate::format::is_dependent;
 use crate::format::metadata::Metadata;
 
 /// A repaired file.
+#[non_exhaustive]
 pub struct Repaired {
     /// The file. That which was damaged bit for bit if nothing was lost.
     pub bytes: Vec<u8>,

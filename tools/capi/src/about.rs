@@ -67,6 +67,7 @@ pub unsafe extern "C" fn csbrdf_grid_axis(
         let power = match found.mapping {
             Mapping::Linear => 1,
             Mapping::Square => 2,
+            _ => return Err(invalid(format!("axis {axis} has a mapping that this library cannot state"))),
         };
         let found =
             csbrdf_axis { quantity: found.name as u32, power, bins: found.len, start: found.start, end: found.end };

@@ -120,6 +120,7 @@ fn transform_name(transform: &ChannelTransform) -> &'static str {
         ChannelTransform::None => "separate",
         matrix if *matrix == ChannelTransform::opponent() => "opponent",
         ChannelTransform::Matrix(_) => "mixed by a matrix",
+        _ => "mixed",
     }
 }
 

@@ -90,6 +90,7 @@ fn object(file: &Path, findings: &Findings, warnings: &[Warning]) -> Value {
         Warning::Energy { .. } => "energy",
         Warning::Reciprocity(_) => "reciprocity",
         Warning::Horizon(_) => "horizon",
+        _ => "other",
     };
     json!({
         "file": label(file),

@@ -70,7 +70,7 @@ pub fn list(file: &Path, salvaged: &Salvaged, quiet: bool) {
 }
 
 fn line(salvaged: &Salvaged, damage: &Damage) -> String {
-    let Damage { section, blocks, bytes, what, outcome } = damage;
+    let Damage { section, blocks, bytes, what, outcome, .. } = damage;
     let mut text = String::new();
     match blocks {
         Some(blocks) if blocks.len() > 1 => {

@@ -30,6 +30,7 @@ impl PyAxis {
         match self.0.mapping {
             Mapping::Linear => "linear",
             Mapping::Square => "square",
+            _ => "other",
         }
     }
 

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use csbrdf::decode::Reader;
 use csbrdf::encode::Encoded;
-use csbrdf::encode::contract::{Contract, Figures};
+use csbrdf::encode::contract::Contract;
 use csbrdf::format::metadata::Metadata;
 use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
@@ -18,14 +18,8 @@ impl Kept {
     /// A contract and what the file says of it.
     pub fn of(contract: Contract, encoded: &Encoded) -> csbrdf::Result<Kept> {
         let stated = Reader::open(&encoded.bytes[..])?.metadata()?.encoder.unwrap_or_default();
-        let report = &encoded.report;
-        let figures = Figures {
-            bytes: encoded.bytes.len() as u64,
-            entries: report.entries,
-            log_rms: report.log_rms,
-            log_max: report.log_max,
-            psnr: stated["contract"]["achieved"].as_f64(),
-        };
+        let mut figures = encoded.figures();
+        figures.psnr = stated["contract"]["achieved"].as_f64();
         Ok(Kept { name: contract.name().into(), asked: contract.asked(), achieved: contract.figure(&figures) })
     }
 }
