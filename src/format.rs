@@ -22,5 +22,4 @@ pub const MAGIC: [u8; 8] = [0x8B, b'C', b'S', b'B', b'\r', b'\n', 0x1A, b'\n'];
 /// Last bytes of every file.
 pub const END_MARKER: [u8; 8] = *b"CSBRDF.\n";
 
-pub use crate::base::version::VERSION;
 pub(crate) use drafts::{is_compact, is_dependent, may_double, may_prune, reads_version};

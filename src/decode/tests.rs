@@ -121,7 +121,8 @@ fn what_a_scratch_holds_does_not_matter() {
 #[test]
 fn probabilities_out_of_range_are_an_error_of_the_first_block() {
     use crate::base::error::Error;
-    use crate::format::{VERSION, directory};
+    use crate::base::version::VERSION;
+    use crate::format::directory;
 
     let (_, bytes) = golden().into_iter().find(|(name, _)| name.ends_with("final-profile.csbrdf")).unwrap();
     let reader = Reader::open(&bytes[..]).unwrap();

@@ -7,6 +7,7 @@ use serde_json::json;
 
 use crate::base::budget::Budget;
 use crate::base::error::{Error, Result};
+use crate::base::version::VERSION;
 use crate::brdf::touched::Touched;
 use crate::codec::range::{Coder, Counter, Encoder};
 use crate::decode::{Header, Reader, contexts};
@@ -15,10 +16,10 @@ use crate::format::directory;
 use crate::format::file::write_file;
 use crate::format::header::{write_coding, write_grid};
 use crate::format::index::{Entry, PRUNED, UNKNOWN_ERROR, encode_error, write_index};
+use crate::format::is_dependent;
 use crate::format::probabilities::write_probabilities;
 use crate::format::profile::write_profile;
 use crate::format::record::{Record, ValidityClass};
-use crate::format::{VERSION, is_dependent};
 use channels::Selection;
 use recode::{Recoder, Remains};
 

@@ -24,7 +24,7 @@ use crate::format::probabilities::{decode_probability, encode_probability, write
 use crate::format::profile::{CodedProfile, write_profile};
 use crate::format::record::{Record, ValidityClass};
 use crate::base::limits::MAX_MEANS;
-use crate::format::VERSION;
+use crate::base::version::VERSION;
 use crate::table::Table;
 use crate::table::block::{Block, Partition};
 

@@ -218,7 +218,7 @@ mod tests {
         let names = [directory::GRID, directory::CODING, directory::PARTITION, directory::PROBABILITIES];
         let names = names.into_iter().chain(reader.has_profile().then_some(directory::PROFILE));
         let names = names.chain([directory::INDEX, directory::RECORDS]);
-        write_file(crate::format::VERSION, &names.map(|name| (name, false, section(name))).collect::<Vec<_>>())
+        write_file(crate::base::version::VERSION, &names.map(|name| (name, false, section(name))).collect::<Vec<_>>())
     }
 
     #[test]
