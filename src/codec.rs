@@ -2,6 +2,7 @@
 //! (spec section 4).
 
 pub mod channel;
+pub(crate) mod contexts;
 pub(crate) mod correct;
 pub mod dependent;
 pub(crate) mod entropy;

@@ -2,21 +2,19 @@
 
 #[cfg(all(test, feature = "encode"))]
 mod bombs;
-mod buffer;
 mod coefficients;
 mod contents;
-mod cost;
 pub(crate) mod lossless;
 pub(crate) mod point;
-mod rebuild;
 mod table;
 #[cfg(test)]
 mod tests;
-mod values;
 
 use crate::base::budget::{Budget, Call, Fault, Held};
 use crate::base::bytes::Bytes;
 use crate::base::error::{Error, Result};
+use crate::blocks::{BlockCodec, head_cost};
+use crate::codec::contexts::{ZEROS, contexts};
 use crate::codec::range::Decoder;
 use crate::codec::sample::{MAX_DOUBLINGS, Sampling};
 use crate::format::directory::{self, Directory};
@@ -34,17 +32,14 @@ use crate::table::grid::Grid;
 
 pub use self::coefficients::Spectrum;
 pub use self::contents::{BlockInfo, Origin};
-pub use self::rebuild::Scratch;
-#[cfg(feature = "encode")]
-pub(crate) use self::rebuild::{CONTEXTS, CORRECTIONS, MASKS, without_zeros};
-pub(crate) use self::rebuild::{Header, ZEROS, contexts};
+pub use crate::blocks::Scratch;
 
 /// An open file over bytes in memory or in a map. Shared freely between threads; decoding takes `&self`.
 pub struct Reader<D = Bytes> {
     data: D,
     limits: Limits,
     directory: Directory,
-    header: Header,
+    codec: BlockCodec,
     index: Index,
     pruned: PrunedPolicy,
     /// Of all calls together; `None` where each has its own.
@@ -88,7 +83,7 @@ impl Reader {
 }
 
 /// The sections that all blocks share, but for the index.
-pub(crate) fn read_header(bytes: &[u8], directory: &Directory, limits: &Limits) -> Result<Header> {
+pub(crate) fn read_header(bytes: &[u8], directory: &Directory, limits: &Limits) -> Result<BlockCodec> {
     let grid = header::read_grid(directory.open(bytes, directory::GRID)?)?;
     let channels = grid.channels().len();
     let draft = directory.version().2;
@@ -116,7 +111,7 @@ pub(crate) fn read_header(bytes: &[u8], directory: &Directory, limits: &Limits) 
     if let Some(values) = profile.as_ref().map(|profile| profile.values(&grid)).filter(|values| *values > limit) {
         return Err(Error::LimitExceeded { what: "values of the profile", got: values as u64, limit: limit as u64 });
     }
-    Ok(Header::new(grid, coding, partition, probabilities).with_profile(profile))
+    Ok(BlockCodec::new(grid, coding, partition, probabilities).with_profile(profile))
 }
 
 impl<D: AsRef<[u8]>> Reader<D> {
@@ -133,12 +128,12 @@ impl<D: AsRef<[u8]>> Reader<D> {
     pub fn open_with_limits(data: D, limits: Limits) -> Result<Reader<D>> {
         let bytes = data.as_ref();
         let directory = Directory::read(bytes)?;
-        let header = read_header(bytes, &directory, &limits)?;
+        let codec = read_header(bytes, &directory, &limits)?;
         let records = directory.require(directory::RECORDS)?;
         let index = directory.open(bytes, directory::INDEX)?;
-        let (partition, channels) = (&header.partition, header.grid.channels().len());
+        let (partition, channels) = (&codec.partition, codec.grid.channels().len());
         // No more blocks than bytes are read.
-        let [work, memory] = cost::of_index(partition.block_count().min(records.range.len()), channels);
+        let [work, memory] = head_cost::of_index(partition.block_count().min(records.range.len()), channels);
         let budget = Budget::new(&limits, bytes.len());
         budget.spend(work)?;
         budget.hold(memory)?;
@@ -146,12 +141,12 @@ impl<D: AsRef<[u8]>> Reader<D> {
             true => Index::read(index, partition, channels, records)?,
             false => Index::read_plain(index, partition.block_count(), channels, records)?,
         };
-        Ok(Reader { data, limits, directory, header, index, pruned: PrunedPolicy::default(), budget: None })
+        Ok(Reader { data, limits, directory, codec, index, pruned: PrunedPolicy::default(), budget: None })
     }
 
     /// A reader of parts that were put together from a damaged file.
-    pub(crate) fn of(data: D, limits: Limits, directory: Directory, header: Header, index: Index) -> Reader<D> {
-        Reader { data, limits, directory, header, index, pruned: PrunedPolicy::default(), budget: None }
+    pub(crate) fn of(data: D, limits: Limits, directory: Directory, codec: BlockCodec, index: Index) -> Reader<D> {
+        Reader { data, limits, directory, codec, index, pruned: PrunedPolicy::default(), budget: None }
     }
 
     /// The same with another answer for blocks that were pruned.
@@ -165,7 +160,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
     pub fn with_one_budget(self) -> Reader<D> {
         let budget = Budget::new(&self.limits, self.data.as_ref().len());
         // What opening took is not given back; it was within the same bounds.
-        let _ = budget.hold(cost::of_index(self.block_count(), self.grid().channels().len())[1]);
+        let _ = budget.hold(head_cost::of_index(self.block_count(), self.grid().channels().len())[1]);
         Reader { budget: Some(budget), ..self }
     }
 
@@ -199,22 +194,22 @@ impl<D: AsRef<[u8]>> Reader<D> {
 
     /// Shape, axes and channels.
     pub fn grid(&self) -> &Grid {
-        &self.header.grid
+        &self.codec.grid
     }
 
     /// How the values were coded.
     pub fn coding(&self) -> &Coding {
-        &self.header.coding
+        &self.codec.coding
     }
 
     /// Whether the file has a grazing profile.
     pub fn has_profile(&self) -> bool {
-        self.header.coded_profile.is_some()
+        self.codec.coded_profile.is_some()
     }
 
     /// The cut into blocks.
     pub fn partition(&self) -> &Partition {
-        &self.header.partition
+        &self.codec.partition
     }
 
     /// The sections of the file.
@@ -224,7 +219,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
 
     /// Number of blocks.
     pub fn block_count(&self) -> usize {
-        self.header.partition.block_count()
+        self.codec.partition.block_count()
     }
 
     /// Number of values of a block: positions times channels; the length of the buffer for [`Reader::block_into`].
@@ -242,8 +237,8 @@ impl<D: AsRef<[u8]>> Reader<D> {
 
     /// What another file takes over from this one.
     #[cfg(feature = "encode")]
-    pub(crate) fn header(&self) -> &Header {
-        &self.header
+    pub(crate) fn header(&self) -> &BlockCodec {
+        &self.codec
     }
 
     #[cfg(feature = "encode")]
@@ -328,7 +323,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
     }
 
     pub(crate) fn place(&self, block: usize) -> Result<Block> {
-        self.header.partition.block(block).ok_or_else(|| {
+        self.codec.partition.block(block).ok_or_else(|| {
             Error::InvalidArgument(format!("block {block} does not exist, the file has {}", self.block_count()))
         })
     }
@@ -364,14 +359,14 @@ impl<D: AsRef<[u8]>> Reader<D> {
 
     /// Decodes what opening has left for the first block; fails if it is damaged, or takes more than the call may.
     pub(crate) fn prepare(&self, budget: &Budget) -> Result<()> {
-        self.header.probabilities.get()?;
-        let Some(coded) = &self.header.coded_profile else { return Ok(()) };
-        if let Some([work, bytes]) = self.header.cost_of_profile() {
+        self.codec.probabilities.get()?;
+        let Some(coded) = &self.codec.coded_profile else { return Ok(()) };
+        if let Some([work, bytes]) = self.codec.cost_of_profile() {
             budget.spend(work)?;
             // It stays.
             budget.hold(bytes)?;
         }
-        self.header.profile().map_err(|what| Error::corrupt("GRAZ", coded.offset, what))?;
+        self.codec.profile().map_err(|what| Error::corrupt("GRAZ", coded.offset, what))?;
         Ok(())
     }
 
@@ -379,7 +374,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
         let place = self.place(block)?;
         self.prepare(budget)?;
         let _held = self.begin(&place, record, budget)?;
-        self.header
+        self.codec
             .rebuild(&place, record, self.index.means(block), scratch, budget)
             .map_err(|fault| self.fault(block, fault))?;
         Ok(place)
@@ -387,17 +382,17 @@ impl<D: AsRef<[u8]>> Reader<D> {
 
     /// Counts what rebuilding a block takes at least, and its memory for as long as what it gives lives.
     fn begin<'a>(&self, place: &Block, record: &Record, budget: &'a Budget) -> Result<Held<'a>> {
-        budget.spend(self.header.work_of_block(place, record.class))?;
-        budget.holding(self.header.bytes_of_block(place, record.class))
+        budget.spend(self.codec.work_of_block(place, record.class))?;
+        budget.holding(self.codec.bytes_of_block(place, record.class))
     }
 
     /// The coefficients of a block of a file without corrections, in the scratch.
     fn decode_coefficients(&self, block: usize, place: &Block, scratch: &mut Scratch, budget: &Budget) -> Result<()> {
         let record = self.record_to_decode(block)?;
         let _held = self.begin(place, &record, budget)?;
-        let mut decoder = Decoder::new(self.header.probabilities.get()?, record.coded);
-        let decoded = self.header.decode_record(place, record.class, &mut decoder, scratch, budget);
-        budget.spend(self.header.work_of_record(place, scratch))?;
+        let mut decoder = Decoder::new(self.codec.probabilities.get()?, record.coded);
+        let decoded = self.codec.decode_record(place, record.class, &mut decoder, scratch, budget);
+        budget.spend(self.codec.work_of_record(place, scratch))?;
         decoded.and_then(|()| Ok(decoder.check_end()?)).map_err(|fault| self.fault(block, fault))
     }
 
@@ -453,7 +448,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
     ) -> Result<()> {
         if self.coding().correction.is_some() {
             self.decode_log(block, scratch, budget)?;
-            target.put_all(self.header.values(scratch));
+            target.put_all(self.codec.values(scratch));
             return Ok(());
         }
         let place = self.place(block)?;
@@ -461,16 +456,16 @@ impl<D: AsRef<[u8]>> Reader<D> {
         self.prepare(budget)?;
         let _held = self.begin(&place, &record, budget)?;
         let means = self.index.means(block);
-        if record.class.is_mean_only() && self.header.rows_of_means(&place, means, scratch)? {
-            self.header.to_channels(&mut scratch.log);
-            target.fill(self.header.values(scratch), place.shape[3]);
+        if record.class.is_mean_only() && self.codec.rows_of_means(&place, means, scratch)? {
+            self.codec.to_channels(&mut scratch.log);
+            target.fill(self.codec.values(scratch), place.shape[3]);
             return Ok(());
         }
-        self.header
+        self.codec
             .components(&place, &record, means, scratch, budget)
             .and_then(|decoder| Ok(decoder.check_end()?))
             .map_err(|fault| self.fault(block, fault))?;
-        self.header.values_to(&place, scratch, target)
+        self.codec.values_to(&place, scratch, target)
     }
 
     pub(crate) fn check_table_size(&self) -> Result<usize> {

@@ -87,6 +87,7 @@ pub mod block {
 // What the tool, the bindings and the measuring programs need of the inside: no promise is made of it.
 inside! {
     mod base;
+    mod blocks;
     mod brdf;
     mod codec;
     mod decode;

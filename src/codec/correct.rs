@@ -5,26 +5,12 @@
 //! mostly common to the channels: the contexts are those three things.
 
 use crate::base::budget::refill;
+use crate::codec::contexts::{CORRECTION_ANY, CORRECTION_EXPONENT, CORRECTION_MANTISSA, CORRECTION_PRESENT, CORRECTION_ROW, CORRECTION_SIGN, CORRECTION_SLOPES, NUMBER_BITS};
 use crate::codec::entropy::{OutOfRange, code_number};
 use crate::codec::range::Coder;
 
-/// Bits of a magnitude less one, and one.
-const EXPONENTS: usize = 25;
-/// What the channels before say: nothing for the first; one or two of them, the nearer one by its magnitude.
-const KINDS: usize = 1 + 3 + 2 * 3;
-const SLOPES: usize = 5;
-
-const ANY: usize = 0;
-const ROW: usize = ANY + 3;
-const PRESENT: usize = ROW + 3 * 3;
-const EXPONENT: usize = PRESENT + KINDS * SLOPES * 2;
-const MANTISSA: usize = EXPONENT + 2 * EXPONENTS;
-const SIGN: usize = MANTISSA + EXPONENTS;
-/// Number of contexts for corrections.
-pub(crate) const CONTEXTS: usize = SIGN + 3 * 3;
-
 /// Lower ends of the classes of slopes but the first, in correction steps.
-const SLOPE_ENDS: [f32; SLOPES - 1] = [0.25, 0.5, 1.0, 2.0];
+const SLOPE_ENDS: [f32; CORRECTION_SLOPES - 1] = [0.25, 0.5, 1.0, 2.0];
 
 /// Scratch of the walk, padded so that every neighbour exists.
 #[derive(Debug, Default)]
@@ -92,7 +78,7 @@ impl Walk {
         let mut prepared = false;
         let mut before = 0;
         for (channel, plane) in corrections.chunks_exact_mut(n).enumerate() {
-            let any = coder.bit(contexts + ANY + before, plane.iter().any(|&m| m != 0));
+            let any = coder.bit(contexts + CORRECTION_ANY + before, plane.iter().any(|&m| m != 0));
             before = 1 + usize::from(any);
             if any && !prepared {
                 prepared = true;
@@ -133,7 +119,7 @@ impl Walk {
             let near = self.planes[0].rows[above] + self.planes[0].rows[before];
             let sister = if channel == 0 { 2 } else { self.planes[1].rows[row] };
             let any = line.iter().any(|&m| m != 0);
-            if !coder.bit(contexts + ROW + usize::from(near * 3 + sister), any) {
+            if !coder.bit(contexts + CORRECTION_ROW + usize::from(near * 3 + sister), any) {
                 continue;
             }
             self.planes[0].rows[row] = 1;
@@ -172,15 +158,15 @@ impl Walk {
         };
         let corrected = usize::from(near != [0; 3]);
         let m = *place;
-        if !coder.bit(contexts + PRESENT + (kind * SLOPES + slope) * 2 + corrected, m != 0) {
+        if !coder.bit(contexts + CORRECTION_PRESENT + (kind * CORRECTION_SLOPES + slope) * 2 + corrected, m != 0) {
             return Ok(());
         }
         let large = near.iter().chain([&sister]).any(|m| m.unsigned_abs() > 1);
-        let exponent = contexts + EXPONENT + usize::from(large) * EXPONENTS;
-        let magnitude = 1 + code_number(coder, exponent, contexts + MANTISSA, m.unsigned_abs().wrapping_sub(1))?;
+        let exponent = contexts + CORRECTION_EXPONENT + usize::from(large) * NUMBER_BITS;
+        let magnitude = 1 + code_number(coder, exponent, contexts + CORRECTION_MANTISSA, m.unsigned_abs().wrapping_sub(1))?;
         let sign = |m: i8| (m.signum() + 1) as usize;
         let nearest = near.into_iter().find(|&m| m != 0).unwrap_or(0);
-        let negative = coder.bit(contexts + SIGN + sign(sister) * 3 + sign(nearest), m < 0);
+        let negative = coder.bit(contexts + CORRECTION_SIGN + sign(sister) * 3 + sign(nearest), m < 0);
         *place = if negative { -(magnitude as i32) } else { magnitude as i32 };
         self.planes[0].corrections[at] = (*place).clamp(-2, 2) as i8;
         Ok(())
@@ -197,13 +183,14 @@ pub(crate) fn correct(log: &mut [f32], corrections: &[i32], step: f32) {
 #[cfg(all(test, feature = "encode"))]
 mod tests {
     use super::*;
+    use crate::codec::contexts::CORRECTION_CONTEXTS;
     use crate::codec::entropy::MAX_MAGNITUDE;
     use crate::codec::range::{Decoder, Encoder};
     use proptest::prelude::*;
 
     /// Walks forward and back; gives the bytes.
     fn round_trip(block: Decoded, corrections: &[i32]) -> Vec<u8> {
-        let probabilities = vec![9000u16; CONTEXTS];
+        let probabilities = vec![9000u16; CORRECTION_CONTEXTS];
         let mut encoder = Encoder::new(&probabilities);
         let mut walk = Walk::default();
         let mut given = corrections.to_vec();
@@ -245,7 +232,7 @@ mod tests {
             let n = 5 * 6 * 7;
             let (masks, log) = (vec![true; n], vec![0.0; 2 * n]);
             let block = Decoded { shape: [1, 5, 6, 7], masks: &masks, log: &log, step: 1.0 };
-            let probabilities = vec![p; CONTEXTS];
+            let probabilities = vec![p; CORRECTION_CONTEXTS];
             let mut decoder = Decoder::new(&probabilities, &bytes);
             let _ = Walk::default().code(&mut decoder, 0, block, &mut vec![0; 2 * n]);
         }
@@ -254,7 +241,6 @@ mod tests {
     /// Spec section 4.11 byte for byte; the decoder written from the specification reads them so.
     #[test]
     fn bytes_are_those_of_the_specification() {
-        assert_eq!(CONTEXTS, 1633 - 1437);
         let masks = [true, true, false, true, true, true];
         let log = [0.0, 0.1, 0.2, 5.0, 5.0, 5.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0];
         let block = Decoded { shape: [1, 1, 2, 3], masks: &masks, log: &log, step: 0.5 };

@@ -13,6 +13,7 @@ pub(crate) use self::surroundings::WIDTH;
 use self::surroundings::{Neighbours, Step, quarters};
 use crate::base::budget::{self, Budget, Fault};
 use crate::base::error::{Error, Result};
+use crate::codec::contexts::{ANY, CLASSES, EXTENT, MANTISSA, NUMBER_BITS, ROW};
 use crate::codec::dependent::{Quantization, State};
 #[cfg(feature = "encode")]
 use crate::codec::range::Costs;
@@ -23,28 +24,6 @@ pub(crate) const MAX_MAGNITUDE: u32 = 1 << 24;
 
 /// Along each axis, the coefficients at this index and beyond are zero.
 pub(crate) type Extents = [usize; 4];
-
-/// Channels beyond this share their contexts.
-const CHANNEL_CLASSES: usize = 3;
-/// Magnitudes less one have at most 24 bits.
-const EXPONENTS: usize = 25;
-/// Contexts that each part of a number takes.
-pub(crate) const MAX_NUMBER_BITS: usize = EXPONENTS;
-const MAGNITUDE_LEVELS: usize = 8;
-
-const ANY: usize = 0;
-const EXTENT: usize = ANY + CHANNEL_CLASSES;
-const ROW: usize = EXTENT + CHANNEL_CLASSES * 4 * 16;
-pub(crate) const SIGNIFICANT: usize = ROW + CHANNEL_CLASSES * 3 * 3 * 3;
-const EXPONENT: usize = SIGNIFICANT + CHANNEL_CLASSES * surroundings::CONTEXTS;
-const MANTISSA: usize = EXPONENT + CHANNEL_CLASSES * MAGNITUDE_LEVELS * EXPONENTS;
-/// Number of contexts for coefficients, but those for states of odd multiples.
-pub(crate) const CONTEXTS: usize = MANTISSA + EXPONENTS;
-/// First context of whether a coefficient is nonzero where the state has the odd multiples: after all others of a record.
-/// Contexts of their own for the magnitudes there saved less than their probabilities took.
-pub(crate) const SIGNIFICANT_ODD: usize = 1633;
-/// Number of contexts from there.
-pub(crate) const ODD_CONTEXTS: usize = EXPONENT - SIGNIFICANT;
 
 /// The integers of a channel.
 pub(crate) trait Rows {
@@ -296,7 +275,7 @@ impl Walk {
         shape: [usize; 4],
         rows: &mut impl Rows,
     ) -> Result<(), OutOfRange> {
-        let class = channel.min(CHANNEL_CLASSES - 1);
+        let class = channel.min(CLASSES - 1);
         let given = rows.extents(shape);
         if !coder.bit(ANY + class, given[0] > 0) {
             return Ok(());
@@ -389,7 +368,7 @@ impl Walk {
     /// Of a row's coefficients from one on.
     #[inline(always)]
     fn step(&self, row: Row, l: usize) -> Step {
-        let class = row.channel.min(CHANNEL_CLASSES - 1);
+        let class = row.channel.min(CLASSES - 1);
         let quarters = &self.quarters[row.frequency + l..];
         Step::new(class, &self.now, &self.sister, row.start + l, row.neighbours, quarters)
     }
@@ -434,8 +413,8 @@ pub(crate) fn code_number<C: Coder>(
     mantissa: usize,
     value: u32,
 ) -> Result<u32, OutOfRange> {
-    let bits = coder.unary(unary, EXPONENTS as u32, u32::BITS - value.leading_zeros());
-    if bits as usize == EXPONENTS {
+    let bits = coder.unary(unary, NUMBER_BITS as u32, u32::BITS - value.leading_zeros());
+    if bits as usize == NUMBER_BITS {
         return Err(OutOfRange);
     }
     let decoded = code_low_bits(coder, mantissa, bits, value);
@@ -469,6 +448,7 @@ pub(crate) fn price_number(costs: &Costs, unary: usize, value: u32) -> f32 {
 #[cfg(all(test, feature = "encode"))]
 mod tests {
     use super::*;
+    use crate::codec::contexts::CONTEXTS;
     use crate::codec::range::{Decoder, Encoder};
     use proptest::prelude::*;
 
@@ -511,7 +491,7 @@ mod tests {
                 allow(shape, &mut coefficients);
             }
             let original = coefficients.clone();
-            let probabilities = vec![20000u16; SIGNIFICANT_ODD + ODD_CONTEXTS];
+            let probabilities = vec![20000u16; CONTEXTS];
             let mut encoder = Encoder::new(&probabilities);
             let mut walk = Walk::default();
             walk.code(&mut encoder, quantization, shape, &coefficients).unwrap();
@@ -527,7 +507,7 @@ mod tests {
         fn arbitrary_bytes_end(bytes in prop::collection::vec(any::<u8>(), 0..200), p in 0u16..) {
             for quantization in [Quantization::Scalar, Quantization::Dependent] {
                 let mut coefficients = Coefficients::default();
-                let mut decoder = Decoder::new(&vec![p; SIGNIFICANT_ODD + ODD_CONTEXTS], &bytes);
+                let mut decoder = Decoder::new(&vec![p; CONTEXTS], &bytes);
                 let (mut walk, budget) = (Walk::default(), Budget::unbounded());
                 let _ = walk.decode(&mut decoder, quantization, [1, 5, 6, 37], 2, &mut coefficients, &budget);
                 let planes = coefficients.to_planes(2, 5 * 6 * 37).unwrap();

@@ -1,12 +1,10 @@
 //! Validity masks of blocks, predicted from the horizon (spec section 4.8).
 
+use crate::codec::contexts::MASK_BANDS as BANDS;
 use crate::codec::range::Coder;
 use crate::table::block::Block;
 use crate::table::horizon::Horizon;
 
-const BANDS: usize = 8;
-/// Number of contexts for masks.
-pub(crate) const CONTEXTS: usize = BANDS * 8;
 
 /// Width of a band of elevations that share contexts.
 const BAND: f64 = 0.01;
@@ -122,7 +120,7 @@ mod tests {
             let model = MaskModel::new(Horizon::new(&Grid::merl()), threshold);
             let mut masks = [model.predict(&block), model.predict(&block)].concat();
             flips.iter().map(|flip| usize::from(*flip) % (2 * n)).for_each(|at| masks[at] = !masks[at]);
-            let probabilities = vec![30000; CONTEXTS];
+            let probabilities = vec![30000; crate::codec::contexts::MASK_CONTEXTS];
             let [mut plain, mut encoder] = [Encoder::new(&probabilities), Encoder::new(&probabilities)];
             by_the_specification(&model, &mut plain, &block, &masks);
             model.code(&mut encoder, 0, &block, &mut masks);
@@ -139,7 +137,7 @@ mod tests {
                 let at = usize::from(flip) % (2 * n);
                 masks[at] = !masks[at];
             }
-            let probabilities = vec![30000; CONTEXTS];
+            let probabilities = vec![30000; crate::codec::contexts::MASK_CONTEXTS];
             let mut encoder = Encoder::new(&probabilities);
             model.code(&mut encoder, 0, &block, &mut masks.clone());
             let bytes = encoder.finish();

@@ -5,24 +5,19 @@
 
 use crate::base::budget::lengthen;
 use crate::base::error::Result;
+use crate::codec::contexts::{ZERO_ALL, ZERO_ANY, ZERO_EACH};
 use crate::codec::range::Coder;
 
-/// States of a channel's zeros within a block, and that of "no channel before".
-const STATES: usize = 4;
+/// States of a channel's zeros within a block, and that of "no channel before", four in all.
 const NONE: usize = 0;
 const SOME: usize = 1;
 const ALL: usize = 2;
 const FIRST: usize = 3;
 
-const ANY_ZERO: usize = 0;
-const ALL_ZERO: usize = ANY_ZERO + STATES;
-const ZERO: usize = ALL_ZERO + STATES;
 /// Bits of a context: whether the one before on the row is zero, and the one before that.
 const LAST: usize = 1;
 const SECOND: usize = 1 << 4;
 const INVALID: u8 = 255;
-/// Number of contexts for zeros.
-pub(crate) const CONTEXTS: usize = ZERO + 32;
 
 /// Codes which of a block's valid entries are zero, `[channel][position]`, of no others; empty stands for none, and is what a decoder
 /// leaves where the stream says so.
@@ -45,7 +40,7 @@ pub(crate) fn code_zeros<'a, C: Coder>(
     let mut before = FIRST;
     for channel in 0..channels {
         let given = if C::READS { &[] } else { zeros.get(channel * n..(channel + 1) * n).unwrap_or_default() };
-        let any = coder.bit(contexts + ANY_ZERO + before, given.contains(&true));
+        let any = coder.bit(contexts + ZERO_ANY + before, given.contains(&true));
         if !any {
             before = NONE;
             continue;
@@ -62,7 +57,7 @@ pub(crate) fn code_zeros<'a, C: Coder>(
         let zeros = &mut zeros[..n];
         let sister = done.len().checked_sub(n).map(|start| &done[start..]);
         let lacking = zeros.iter().zip(valid).any(|(z, v)| !*z && *v);
-        let full = coder.bit(contexts + ALL_ZERO + before, !lacking);
+        let full = coder.bit(contexts + ZERO_ALL + before, !lacking);
         if full {
             before = ALL;
             zeros.copy_from_slice(valid);
@@ -117,7 +112,7 @@ pub(crate) fn code_zeros<'a, C: Coder>(
 /// Whether an entry is zero, by what is around it and whether the two before on the row are.
 #[inline(always)]
 fn code<C: Coder>(coder: &mut C, contexts: usize, around: u8, two_before: usize, zero: &mut bool) -> bool {
-    *zero = around != INVALID && coder.bit(contexts + ZERO + (usize::from(around) | two_before), *zero);
+    *zero = around != INVALID && coder.bit(contexts + ZERO_EACH + (usize::from(around) | two_before), *zero);
     *zero
 }
 
@@ -140,8 +135,8 @@ mod tests {
         for channel in 0..channels {
             let (start, mask) = (channel * n, channel * n % masks.len());
             let of_channel = &zeros[start..start + n];
-            let any = coder.bit(ANY_ZERO + before, of_channel.contains(&true));
-            let all = any && coder.bit(ALL_ZERO + before, of_channel == &masks[mask..mask + n]);
+            let any = coder.bit(ZERO_ANY + before, of_channel.contains(&true));
+            let all = any && coder.bit(ZERO_ALL + before, of_channel == &masks[mask..mask + n]);
             before = [NONE, SOME, ALL][usize::from(any) + usize::from(all)];
             if !any || all {
                 continue;
@@ -157,7 +152,7 @@ mod tests {
                 ];
                 if masks[mask + p] {
                     let context: usize = bits.iter().enumerate().map(|(bit, set)| usize::from(*set) << bit).sum();
-                    coder.bit(ZERO + context, of_channel[p]);
+                    coder.bit(ZERO_EACH + context, of_channel[p]);
                 }
             }
         }
@@ -180,7 +175,7 @@ mod tests {
                     zero && masks[i % masks.len()]
                 })
                 .collect();
-            let probabilities: Vec<u16> = (0..CONTEXTS).map(|_| random.next_u64() as u16 | 1).collect();
+            let probabilities: Vec<u16> = (0..crate::codec::contexts::ZERO_CONTEXTS).map(|_| random.next_u64() as u16 | 1).collect();
             let [mut plain, mut encoder] = [Encoder::new(&probabilities), Encoder::new(&probabilities)];
             by_the_specification(&mut plain, shape, channels, &masks, &zeros);
             code_zeros(&mut encoder, 0, shape, channels, || &masks, &mut zeros.clone()).unwrap();
@@ -198,7 +193,7 @@ mod tests {
             let zeros: Vec<bool> = (0..channels * n)
                 .map(|i| random.next_u64() % 4 < density && masks[i % masks.len()])
                 .collect();
-            let probabilities = vec![30000; CONTEXTS];
+            let probabilities = vec![30000; crate::codec::contexts::ZERO_CONTEXTS];
             let mut encoder = Encoder::new(&probabilities);
             code_zeros(&mut encoder, 0, shape, channels, || &masks, &mut zeros.clone()).unwrap();
             let bytes = encoder.finish();

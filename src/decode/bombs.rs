@@ -9,7 +9,7 @@ use self::make::{Bomb, QUANTIZATION, WORST, wide, worst};
 use super::{PrunedPolicy, Reader};
 use crate::base::bytes::Bytes;
 use crate::base::error::Error;
-use crate::decode::contexts;
+use crate::codec::contexts::contexts;
 use crate::edit::salvage::salvage_with_limits;
 use crate::base::limits::Limits;
 use crate::format::directory;

@@ -71,7 +71,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
             None => self.decode_coefficients(block, &place, scratch, &budget)?,
         }
         let values = self.block_values(block)?;
-        budget.spend(self.header.work_of_profile(&place) + values as u64)?;
+        budget.spend(self.codec.work_of_profile(&place) + values as u64)?;
         let _held = budget.holding(16 * scratch.coefficients.len() as u64 + BYTES * values as u64)?;
         let coding = self.coding();
         Ok(Spectrum {
@@ -85,7 +85,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
                 ChannelTransform::None => None,
                 ChannelTransform::Matrix(matrix) => Some(repeated(matrix, 1)?),
             },
-            valid: self.header.masks_of(&place, scratch)?,
+            valid: self.codec.masks_of(&place, scratch)?,
             corrections: std::mem::take(&mut scratch.corrections),
             correction_step: coding.correction.unwrap_or(0.0),
             eps: coding.eps as f32,
@@ -99,7 +99,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
         let mut components = with_room(means.len())?;
         for (component, mean) in means.iter().enumerate() {
             let mut terms = Vec::new();
-            self.header.dequantize(component, scratch.coefficients.of_channel(component), *mean, &mut terms)?;
+            self.codec.dequantize(component, scratch.coefficients.of_channel(component), *mean, &mut terms)?;
             components.push(terms);
         }
         Ok(components)
@@ -108,9 +108,9 @@ impl<D: AsRef<[u8]>> Reader<D> {
     /// The grazing profile over a block of so many values.
     fn profile_of(&self, place: &Block, values: usize) -> Result<Vec<f32>> {
         let mut profile = Vec::new();
-        if let Some(coded) = &self.header.coded_profile {
+        if let Some(coded) = &self.codec.coded_profile {
             lengthen(&mut profile, values, 0.0)?;
-            let added = self.header.add_profile(place, &mut profile);
+            let added = self.codec.add_profile(place, &mut profile);
             added.map_err(|what| Error::corrupt("GRAZ", coded.offset, what))?;
         }
         Ok(profile)

@@ -70,18 +70,18 @@ impl<D: AsRef<[u8]>> Reader<D> {
     fn masks(&self, block: usize, budget: &Budget) -> Result<(Block, Vec<bool>)> {
         let place = self.place(block)?;
         let record = self.record(block)?;
-        let [work, bytes] = self.header.of_validity(&place, record.class);
+        let [work, bytes] = self.codec.of_validity(&place, record.class);
         budget.spend(work)?;
         let _held = budget.holding(bytes)?;
         let mut masks = Vec::new();
-        let mut decoder = Decoder::new(self.header.probabilities.get()?, record.coded);
-        self.header.decode_masks(&place, record.class, &mut decoder, &mut masks)?;
+        let mut decoder = Decoder::new(self.codec.probabilities.get()?, record.coded);
+        self.codec.decode_masks(&place, record.class, &mut decoder, &mut masks)?;
         Ok((place, masks))
     }
 
     /// Which positions of a block are in bins wholly below the horizon; `None`: the grid has no such.
     fn impossible(&self, place: Block) -> Option<impl Iterator<Item = bool>> {
-        let horizon = self.header.horizon()?;
+        let horizon = self.codec.horizon()?;
         Some(
             positions(place.shape).map(move |p| horizon.is_impossible(std::array::from_fn(|a| place.origin[a] + p[a]))),
         )
@@ -97,7 +97,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
         let valid = self.validity(block, budget)?;
         let sampling = self.coding().sampling.doubled(self.record(block)?.doublings);
         let channels = self.grid().channels().len();
-        let [work, bytes] = self.header.of_origins(&place, channels, sampling != Sampling::Every);
+        let [work, bytes] = self.codec.of_origins(&place, channels, sampling != Sampling::Every);
         budget.spend(work + 2 * valid.len() as u64)?;
         let _held = budget.holding(bytes + 2 * valid.len() as u64)?;
         let n = place.positions();
@@ -135,7 +135,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
         let sampling = self.coding().sampling.doubled(self.record(block)?.doublings);
         let n = place.positions();
         let (each, copies) = (masks.len() / n, self.grid().channels().len() * n / masks.len());
-        let [work, bytes] = self.header.of_origins(&place, each, sampling != Sampling::Every);
+        let [work, bytes] = self.codec.of_origins(&place, each, sampling != Sampling::Every);
         budget.spend(work)?;
         let _also = budget.holding(bytes)?;
         let mut counts = [0; 4];
@@ -178,7 +178,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
         let _held = budget.holding(masks.len() as u64)?;
         let sampling = self.coding().sampling.doubled(doublings);
         let n = place.positions();
-        let [work, bytes] = self.header.of_origins(&place, masks.len() / n, sampling != Sampling::Every);
+        let [work, bytes] = self.codec.of_origins(&place, masks.len() / n, sampling != Sampling::Every);
         budget.spend(work)?;
         let _also = budget.holding(bytes)?;
         // One number a channel, 4096 at most.

@@ -3,8 +3,8 @@
 use super::{Reader, Scratch};
 use crate::base::budget::{Budget, filled, zeroed};
 use crate::base::error::{Error, Result};
-use crate::codec::lossless::{Decoded, Form, Walk, probabilities};
-use crate::codec::range::Decoder;
+use crate::blocks::lossless::decode_bits;
+use crate::codec::lossless::Decoded;
 use crate::format::directory;
 use crate::format::is_compact;
 use crate::format::lossless::ExactIndex;
@@ -71,33 +71,22 @@ impl<D: AsRef<[u8]>> Reader<D> {
             return Err(self.gone(block));
         }
         let place = self.rebuild(block, &record, scratch, budget)?;
-        let [work, bytes] = self.header.of_exact(&place);
+        let [work, bytes] = self.codec.of_exact(&place);
         budget.spend(work)?;
         let _held = budget.holding(bytes)?;
         let scales: Vec<f64> = self.grid().channels().iter().map(|channel| channel.scale).collect();
         let mut bits = filled(0, scratch.log.len())?;
         let decoded = Decoded {
             shape: place.shape,
-            valid: &self.header.masks_of(&place, scratch)?,
+            valid: &self.codec.masks_of(&place, scratch)?,
             log: &scratch.log,
-            eps: self.header.coding.eps,
+            eps: self.codec.coding.eps,
             scales: &scales,
             missing: &index.missing,
         };
         decode_bits(decoded, coded, &mut bits).map_err(|what| index.corrupt(block, what))?;
         Ok((place, bits))
     }
-}
-
-/// The bits of a block from what the range coder gave for it.
-pub(crate) fn decode_bits(decoded: Decoded, coded: &[u8], bits: &mut [u64]) -> Result<(), &'static str> {
-    let mut decoder = Decoder::new(&probabilities(), coded);
-    let mut forms = vec![Form::default(); decoded.scales.len()];
-    Walk::default().code(&mut decoder, decoded, &mut forms, bits)?;
-    if decoder.unread() > 0 {
-        return Err("bytes are left over at its end");
-    }
-    Ok(())
 }
 
 impl<D: AsRef<[u8]> + Sync> Reader<D> {

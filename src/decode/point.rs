@@ -4,7 +4,8 @@
 
 use std::sync::atomic::AtomicU32;
 
-use super::{Header, Reader, Scratch};
+use super::{Reader, Scratch};
+use crate::blocks::BlockCodec;
 use crate::base::budget::{Budget, make_room, with_room};
 use crate::base::error::{Error, Result};
 use crate::codec::channel::ChannelTransform;
@@ -114,7 +115,7 @@ impl Component {
     }
 }
 
-impl Header {
+impl BlockCodec {
     /// What the scratch holds after a record was decoded.
     fn sparse(&self, block: usize, place: &Block, means: &[i32], scratch: &Scratch) -> Result<Sparse> {
         let [_, n1, n2, n3] = place.shape;
@@ -151,7 +152,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
     /// The coefficients of a block. `None` where its single values are not to be had without the others: the DFT, or a file
     /// with corrections.
     pub(crate) fn sparse_block(&self, block: usize, scratch: &mut Scratch, budget: &Budget) -> Result<Option<Sparse>> {
-        if self.header.coding.basis == Basis::Dft || self.header.coding.correction.is_some() {
+        if self.codec.coding.basis == Basis::Dft || self.codec.coding.correction.is_some() {
             return Ok(None);
         }
         let place = self.place(block)?;
@@ -160,30 +161,30 @@ impl<D: AsRef<[u8]>> Reader<D> {
         self.decode_coefficients(block, &place, scratch, budget)?;
         // Terms, and entries with a row each at most.
         let _held = budget.holding(48 * scratch.coefficients.len() as u64)?;
-        self.header.sparse(block, &place, self.index.means(block), scratch).map(Some)
+        self.codec.sparse(block, &place, self.index.means(block), scratch).map(Some)
     }
 
     /// About the bytes that a block's coefficients take: two of them a byte of the record, with their rows.
     pub(crate) fn likely_sparse_bytes(&self, block: usize) -> usize {
-        let zeros = if self.header.coding.zeros { self.block_values(block).unwrap_or(0) / 8 } else { 0 };
+        let zeros = if self.codec.coding.zeros { self.block_values(block).unwrap_or(0) / 8 } else { 0 };
         zeros + size_of::<Sparse>() + 24 * self.index.record(block).len()
     }
 
     /// BRDF values in 1/sr of all channels at a place in a block.
     pub(crate) fn point(&self, sparse: &Sparse, within: [usize; 4], value: &mut [f32]) -> Result<()> {
         let Sparse { place, components, zeros, .. } = sparse;
-        let axes = self.header.axes(place.shape);
+        let axes = self.codec.axes(place.shape);
         for (value, component) in value.iter_mut().zip(components) {
             *value = component.value(axes, within);
         }
         let here = Block { origin: std::array::from_fn(|a| place.origin[a] + within[a]), shape: [1; 4] };
-        self.header
+        self.codec
             .add_profile(&here, value)
-            .map_err(|what| Error::corrupt("GRAZ", self.header.coded_profile.as_ref().map_or(0, |p| p.offset), what))?;
-        self.header.to_channels(value);
+            .map_err(|what| Error::corrupt("GRAZ", self.codec.coded_profile.as_ref().map_or(0, |p| p.offset), what))?;
+        self.codec.to_channels(value);
         let [_, n1, n2, n3] = place.shape;
         let index = ((within[0] * n1 + within[1]) * n2 + within[2]) * n3 + within[3];
-        let eps = self.header.coding.eps as f32;
+        let eps = self.codec.coding.eps as f32;
         for (c, value) in value.iter_mut().enumerate() {
             let at = c * place.positions() + index;
             let zero = zeros.get(at / 8).is_some_and(|bits| bits >> (at % 8) & 1 == 1);

@@ -56,7 +56,7 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
     /// Blocks that may be rebuilt at a time: as many as their buffers are within the limit on bytes, and one at least. So what a file
     /// decodes to does not depend on the number of threads.
     pub(super) fn most_scratches(&self) -> usize {
-        let each = self.header.most_bytes_of_block().max(1);
+        let each = self.codec.most_bytes_of_block().max(1);
         usize::try_from(self.whole_call().bytes_left() / each).unwrap_or(usize::MAX).max(1)
     }
 
@@ -105,7 +105,7 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
     pub fn decode_table(&self) -> Result<Table> {
         let size = self.check_table_size()?;
         let (mut values, mut valid) = (zeros(size)?, zeroed(size)?);
-        let eps = self.header.coding.eps;
+        let eps = self.codec.coding.eps;
         let (shares, budget) = (self.shares(), self.whole_call());
         let memory = shares.memory(&mut values).into_iter().zip(shares.memory(&mut valid)).collect();
         self.for_each_block(&shares, memory, |scratch, block, place, (values, valid)| {
@@ -119,7 +119,7 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
                 decoded.extend(log.iter().map(|&log| unscale(log)));
             }
             values.of_block(place).put_all(&decoded);
-            valid.of_block(place).put_all(&self.header.masks_of(place, scratch)?);
+            valid.of_block(place).put_all(&self.codec.masks_of(place, scratch)?);
             Ok(())
         })?;
         Table::from_parts(self.grid().clone(), values, valid)

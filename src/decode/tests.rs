@@ -37,7 +37,7 @@ fn every_level_gives_the_same_bits() {
         let mut reader = Reader::open(bytes).unwrap().with_pruned(PrunedPolicy::Coarse);
         let best = bits(&reader.decode_all().unwrap());
         for level in Level::all() {
-            reader.header.level = level;
+            reader.codec.level = level;
             assert!(bits(&reader.decode_all().unwrap()) == best, "{name}, {level:?}");
         }
     }
@@ -104,7 +104,7 @@ fn what_a_scratch_holds_does_not_matter() {
             let place = reader.place(block).unwrap();
             let garbage: Vec<u8> = (0..200).map(|i| (((block + 3) * (i + 7) * 89) >> 3) as u8).collect();
             let record = Record { class: ValidityClass::All, doublings: 0, coded: &garbage };
-            match reader.header.components(&place, &record, reader.index.means(block), &mut stale, &reader.call()) {
+            match reader.codec.components(&place, &record, reader.index.means(block), &mut stale, &reader.call()) {
                 Ok(_) => decoded += 1,
                 Err(_) => refused += 1,
             }

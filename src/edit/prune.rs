@@ -8,9 +8,11 @@ use serde_json::json;
 use crate::base::budget::Budget;
 use crate::base::error::{Error, Result};
 use crate::base::version::VERSION;
+use crate::blocks::BlockCodec;
 use crate::brdf::touched::Touched;
+use crate::codec::contexts::contexts;
 use crate::codec::range::{Coder, Counter, Encoder};
-use crate::decode::{Header, Reader, contexts};
+use crate::decode::Reader;
 use crate::encode::fit_probabilities;
 use crate::format::directory;
 use crate::format::file::write_file;
@@ -146,26 +148,26 @@ impl<D: AsRef<[u8]>> Job<'_, D> {
     /// A file of fewer channels: all records are coded again, with probabilities of their own.
     fn with_channels(&self, selection: &Selection) -> Result<PrunedFile> {
         let Job { reader, .. } = self;
-        let mut header = selection.header(reader.header())?;
-        let mut counter = Counter::new(contexts(header.coding.quantization));
-        let mut recoder = Recoder::new(reader.header(), &header, Some(selection), self.detail);
+        let mut codec = selection.header(reader.header())?;
+        let mut counter = Counter::new(contexts(codec.coding.quantization));
+        let mut recoder = Recoder::new(reader.header(), &codec, Some(selection), self.detail);
         for block in 0..reader.block_count() {
             let record = reader.record(block)?;
             if self.keeps(block) && !record.class.is_mean_only() {
                 self.recode(&mut recoder, block, &record, &mut counter)?;
             }
         }
-        let (codes, probabilities) = fit_probabilities(&counter, header.coding.quantization);
-        header.probabilities = probabilities.into();
+        let (codes, probabilities) = fit_probabilities(&counter, codec.coding.quantization);
+        codec.probabilities = probabilities.into();
         let mut sections = vec![
-            (directory::GRID, false, write_grid(&header.grid)),
-            (directory::CODING, false, write_coding(&header.coding)),
+            (directory::GRID, false, write_grid(&codec.grid)),
+            (directory::CODING, false, write_coding(&codec.coding)),
         ];
         sections.extend(reader.section(directory::PARTITION)?.map(|bytes| (directory::PARTITION, false, bytes)));
         sections.push((directory::PROBABILITIES, false, write_probabilities(&codes)));
-        let profile = header.coded_profile.as_ref().map(write_profile);
+        let profile = codec.coded_profile.as_ref().map(write_profile);
         sections.extend(profile.map(|bytes| (directory::PROFILE, false, bytes)));
-        self.finish(&header, sections)
+        self.finish(&codec, sections)
     }
 
     /// Codes what is kept of a block.
@@ -176,18 +178,18 @@ impl<D: AsRef<[u8]>> Job<'_, D> {
         let _held = self.budget.holding(RECODED * values)?;
         self.budget.spend(RECODING * values)?;
         let remains =
-            recoder.take_apart(&place, record, self.reader.means(block), self.budget).and_then(|mut remains| {
-                recoder.code(coder, &place, &mut remains)?;
+            recoder.take_apart(&place, record, self.reader.means(block), self.budget).and_then(|remains| {
+                recoder.code(coder, &place, &remains)?;
                 Ok(remains)
             });
         remains.map_err(|fault| self.reader.fault(block, fault))
     }
 
     /// The file, after the sections that all blocks share.
-    fn finish(&self, header: &Header, mut sections: Vec<Section>) -> Result<PrunedFile> {
+    fn finish(&self, codec: &BlockCodec, mut sections: Vec<Section>) -> Result<PrunedFile> {
         let Job { reader, selection, detail, .. } = *self;
         let as_is = detail == 0.0 && selection.is_none();
-        let mut recoder = Recoder::new(reader.header(), header, selection, detail);
+        let mut recoder = Recoder::new(reader.header(), codec, selection, detail);
         let (mut entries, mut records, mut kept, mut gone) = (Vec::new(), Vec::new(), 0, 0);
         for block in 0..reader.block_count() {
             let record = reader.record(block)?;
@@ -200,7 +202,7 @@ impl<D: AsRef<[u8]>> Job<'_, D> {
                 }
                 _ if as_is => reader.record_bytes(block).to_vec(),
                 _ => {
-                    let mut coder = Encoder::new(header.probabilities.get()?);
+                    let mut coder = Encoder::new(codec.probabilities.get()?);
                     let Remains { class, valid_before, lost, .. } =
                         self.recode(&mut recoder, block, &record, &mut coder)?;
                     errors = self.errors(block, valid_before, lost);

@@ -7,14 +7,13 @@ use super::gather::{gather_log, gather_valid, gather_values};
 use super::quantised::Quantized;
 use crate::base::budget::Budget;
 use crate::base::error::{Error, Result};
-use crate::codec::correct::{self, Decoded};
 use crate::codec::dependent::Quantization;
-use crate::codec::entropy::Walk;
 use crate::codec::lossless;
 use crate::codec::range::{Coder, Counter, Encoder};
-use crate::codec::zeros::code_zeros;
-use crate::decode::lossless::decode_bits;
-use crate::decode::{CONTEXTS, CORRECTIONS, Header, MASKS, Scratch, ZEROS, contexts, without_zeros};
+use crate::blocks::code::{Coding as RecordBuffers, Contents};
+use crate::blocks::lossless::decode_bits;
+use crate::blocks::{BlockCodec, Scratch, without_zeros};
+use crate::codec::contexts::{CONTEXTS, contexts};
 use crate::format::directory;
 use crate::format::file::{write_file, write_file_with_spare};
 use crate::format::header::{Coding, write_coding, write_grid, write_partition};
@@ -79,7 +78,7 @@ pub(crate) fn fit_probabilities(counter: &Counter, quantization: Quantization) -
 }
 
 /// Class and the masks that go into the record.
-pub(crate) fn classify(header: &Header, block: &Block, valid: &[bool]) -> (ValidityClass, Vec<bool>) {
+pub(crate) fn classify(codec: &BlockCodec, block: &Block, valid: &[bool]) -> (ValidityClass, Vec<bool>) {
     let n = block.positions();
     if valid.iter().all(|v| *v) {
         (ValidityClass::All, Vec::new())
@@ -87,7 +86,7 @@ pub(crate) fn classify(header: &Header, block: &Block, valid: &[bool]) -> (Valid
         (ValidityClass::None, Vec::new())
     } else if valid.chunks_exact(n).any(|mask| *mask != valid[..n]) {
         (ValidityClass::MaskPerChannel, valid.to_vec())
-    } else if header.mask_model().predict(block) == valid[..n] {
+    } else if codec.mask_model().predict(block) == valid[..n] {
         (ValidityClass::Horizon, Vec::new())
     } else {
         (ValidityClass::Mask, valid[..n].to_vec())
@@ -97,8 +96,7 @@ pub(crate) fn classify(header: &Header, block: &Block, valid: &[bool]) -> (Valid
 /// Buffers of a thread.
 #[derive(Default)]
 struct Buffers {
-    walk: Walk,
-    correct: correct::Walk,
+    coding: RecordBuffers,
     scratch: Scratch,
     lossless: lossless::Walk,
 }
@@ -106,8 +104,6 @@ struct Buffers {
 /// What a record holds besides its coefficients.
 struct Validity {
     class: ValidityClass,
-    /// Masks that go into the record.
-    masks: Vec<bool>,
     /// Validity, `[channel][position]`.
     valid: Vec<bool>,
     /// Exact zeros, if the file stores them.
@@ -115,14 +111,14 @@ struct Validity {
 }
 
 impl Validity {
-    fn new(table: &Table, header: &Header, block: &Block) -> Validity {
+    fn new(table: &Table, codec: &BlockCodec, block: &Block) -> Validity {
         let valid = gather_valid(table, block);
         let mut zeros = Vec::new();
-        if header.coding.zeros {
+        if codec.coding.zeros {
             zeros.extend(gather_values(table, block).iter().zip(&valid).map(|(value, valid)| *valid && *value == 0.0));
         }
-        let (class, masks) = classify(header, block, &valid);
-        Validity { class, masks, valid, zeros }
+        let (class, _) = classify(codec, block, &valid);
+        Validity { class, valid, zeros }
     }
 }
 
@@ -136,39 +132,31 @@ struct Uncoded<'a> {
 
 impl Uncoded<'_> {
     /// Its log values before corrections, in the scratch.
-    fn rebuild(&self, header: &Header, scratch: &mut Scratch) {
-        let rebuilt = header.rebuild_uncoded(&self.block, &self.quantized.coefficients, self.means, scratch);
+    fn rebuild(&self, codec: &BlockCodec, scratch: &mut Scratch) {
+        let rebuilt = codec.rebuild_uncoded(&self.block, &self.quantized.coefficients, self.means, scratch);
         debug_assert!(rebuilt.is_ok(), "the profile was decoded when it was fitted");
     }
 
     /// Codes masks, exact zeros, coefficients and, where the file has a correction step, corrections.
-    fn code<C: Coder>(&self, coder: &mut C, header: &Header, corrections: &[i32], buffers: &mut Buffers) {
-        let Validity { class, masks, valid, zeros } = self.validity;
-        if *class == ValidityClass::None {
-            return;
-        }
-        let shape = self.block.shape;
-        header.mask_model().code(coder, MASKS, &self.block, &mut masks.clone());
-        if header.coding.zeros {
-            let n: usize = shape.iter().product();
-            let masks = if *class == ValidityClass::MaskPerChannel { valid } else { &valid[..n] };
-            let coded = code_zeros(coder, ZEROS, shape, valid.len() / n, || masks, &mut zeros.clone());
-            debug_assert!(coded.is_ok(), "a coder that writes takes no memory");
-        }
-        let coded = buffers.walk.code(coder, header.coding.quantization, shape, &self.quantized.coefficients);
-        debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
-        if let Some(step) = header.coding.correction {
-            let mut corrections = corrections.to_vec();
+    fn code<C: Coder>(&self, coder: &mut C, codec: &BlockCodec, corrections: &[i32], buffers: &mut Buffers) {
+        let Validity { class, valid, zeros, .. } = self.validity;
+        let n = self.block.positions();
+        let masks = if *class == ValidityClass::MaskPerChannel { valid } else { &valid[..n] };
+        let mut none = Vec::new();
+        let corrections = codec.coding.correction.map(|_| {
             if corrections.is_empty() {
-                corrections.resize(valid.len(), 0);
+                // The log values are not looked at where nothing is corrected.
+                none.resize(valid.len(), 0);
+                (&none[..], &buffers.scratch.log[..])
             } else {
-                self.rebuild(header, &mut buffers.scratch);
+                self.rebuild(codec, &mut buffers.scratch);
+                (corrections, &buffers.scratch.log[..])
             }
-            let correctable = without_zeros(valid, zeros).expect("memory for a block's validity");
-            let decoded = Decoded { shape, masks: &correctable, log: &buffers.scratch.log, step };
-            let coded = buffers.correct.code(coder, CORRECTIONS, decoded, &mut corrections);
-            debug_assert!(coded.is_ok(), "the bound bounds the corrections");
-        }
+        });
+        let coefficients = &self.quantized.coefficients;
+        let contents = Contents { class: *class, masks, zeros, coefficients, corrections };
+        let coded = codec.code(coder, &self.block, &contents, &mut buffers.coding);
+        debug_assert!(coded.is_ok(), "quantiser and bound keep the format's ranges, and a coder that writes takes no memory");
     }
 }
 
@@ -192,7 +180,7 @@ struct Coded {
 impl<'a> Blocks<'a> {
     fn new(
         table: &'a Table,
-        header: &Header,
+        codec: &BlockCodec,
         partition: &'a Partition,
         quantized: &'a [Quantized],
     ) -> Result<Blocks<'a>> {
@@ -204,7 +192,7 @@ impl<'a> Blocks<'a> {
         }
         let place = |number: usize| partition.block(number).expect("one entry a block");
         let validity =
-            (0..quantized.len()).into_par_iter().map(|number| Validity::new(table, header, &place(number))).collect();
+            (0..quantized.len()).into_par_iter().map(|number| Validity::new(table, codec, &place(number))).collect();
         Ok(Blocks { table, partition, quantized, means, validity })
     }
 
@@ -222,14 +210,14 @@ impl<'a> Blocks<'a> {
     }
 
     /// Corrections of each block, found on what the decoder makes of its coefficients; empty where none is needed.
-    fn corrections(&self, header: &Header, bound: Option<Bound>) -> Result<Vec<Vec<i32>>> {
+    fn corrections(&self, codec: &BlockCodec, bound: Option<Bound>) -> Result<Vec<Vec<i32>>> {
         let Some(bound) = bound else { return Ok(vec![Vec::new(); self.quantized.len()]) };
-        let (eps, step) = (header.coding.eps, header.coding.steps[0]);
+        let (eps, step) = (codec.coding.eps, codec.coding.steps[0]);
         (0..self.quantized.len())
             .into_par_iter()
             .map_init(Scratch::default, |scratch, number| {
                 let block = self.block(number);
-                block.rebuild(header, scratch);
+                block.rebuild(codec, scratch);
                 let (log, _) = gather_log(self.table, &block.block, eps);
                 let correctable = without_zeros(&block.validity.valid, &block.validity.zeros)?;
                 bound.corrections(&log, &correctable, &scratch.log, cuts(eps)).map_err(|left| {
@@ -242,10 +230,10 @@ impl<'a> Blocks<'a> {
     }
 
     /// How often each context sees a one and a zero.
-    fn count(&self, header: &Header, corrections: &[Vec<i32>]) -> Counter {
+    fn count(&self, codec: &BlockCodec, corrections: &[Vec<i32>]) -> Counter {
         let fresh = || (Counter::new(CONTEXTS), Buffers::default());
         let counted = (0..self.quantized.len()).into_par_iter().fold(fresh, |(mut counter, mut buffers), number| {
-            self.block(number).code(&mut counter, header, &corrections[number], &mut buffers);
+            self.block(number).code(&mut counter, codec, &corrections[number], &mut buffers);
             (counter, buffers)
         });
         let sum = |mut a: Counter, b: Counter| {
@@ -257,26 +245,26 @@ impl<'a> Blocks<'a> {
 
     /// The records, each decoded again and measured; with `missing`, the usual bits of entries that are not valid, also the
     /// lossless layer.
-    fn records(&self, header: &Header, corrections: &[Vec<i32>], missing: Option<&[u64]>) -> Result<Vec<Coded>> {
+    fn records(&self, codec: &BlockCodec, corrections: &[Vec<i32>], missing: Option<&[u64]>) -> Result<Vec<Coded>> {
         (0..self.quantized.len())
             .into_par_iter()
             .map_init(Buffers::default, |buffers, number| {
                 let block = self.block(number);
-                let mut coder = Encoder::new(header.probabilities.get()?);
-                block.code(&mut coder, header, &corrections[number], buffers);
+                let mut coder = Encoder::new(codec.probabilities.get()?);
+                block.code(&mut coder, codec, &corrections[number], buffers);
                 let coded = coder.finish();
                 // Nothing to sample, nothing to double.
                 let class = block.validity.class;
                 let doublings = if class == ValidityClass::None { 0 } else { block.quantized.doublings };
                 let record = Record { class, doublings, coded: &coded };
                 let decoded =
-                    header.rebuild(&block.block, &record, block.means, &mut buffers.scratch, &Budget::unbounded());
+                    codec.rebuild(&block.block, &record, block.means, &mut buffers.scratch, &Budget::unbounded());
                 decoded.map_err(|fault| {
                     fault.error(|what| Error::InvalidArgument(format!("block {number} does not decode: {what}")))
                 })?;
-                let error = measure(self.table, &block.block, header.coding.eps, &buffers.scratch.log);
+                let error = measure(self.table, &block.block, codec.coding.eps, &buffers.scratch.log);
                 let exact = match missing {
-                    Some(missing) => code_exact(self.table, header, &block, missing, buffers)
+                    Some(missing) => code_exact(self.table, codec, &block, missing, buffers)
                         .map_err(|what| Error::InvalidArgument(format!("block {number} is not restored: {what}")))?,
                     None => Vec::new(),
                 };
@@ -309,29 +297,29 @@ pub(super) fn pack(
     lossless: bool,
 ) -> Result<Packed> {
     coding.correction = bound.map(|bound| bound.step);
-    let header = |probabilities: Vec<u16>| {
-        Header::new(table.grid().clone(), coding.clone(), partition.clone(), probabilities.into())
+    let with = |probabilities: Vec<u16>| {
+        BlockCodec::new(table.grid().clone(), coding.clone(), partition.clone(), probabilities.into())
             .with_profile(profile.clone())
     };
     // Contexts are counted from even probabilities, which do not depend on the counts.
-    let even = header(vec![1 << 15; CONTEXTS]);
+    let even = with(vec![1 << 15; CONTEXTS]);
     let blocks = Blocks::new(table, &even, &partition, quantized)?;
     let corrections = blocks.corrections(&even, bound)?;
     let (codes, probabilities) = fit_probabilities(&blocks.count(&even, &corrections), coding.quantization);
-    let header = header(probabilities);
+    let codec = with(probabilities);
     let missing = lossless.then(|| usual_missing(table));
-    let coded = blocks.records(&header, &corrections, missing.as_deref())?;
+    let coded = blocks.records(&codec, &corrections, missing.as_deref())?;
     let total = coded.iter().fold(BlockError::default(), |sum, coded| sum.plus(&coded.error));
     Ok(Packed {
         log_rms: total.rms(),
         log_max: total.max,
         corrected: corrections.iter().flatten().filter(|m| **m != 0).count(),
-        grid: write_grid(&header.grid),
-        coding: write_coding(&header.coding),
-        partition: write_partition(&header.partition, header.grid.axes().len()),
+        grid: write_grid(&codec.grid),
+        coding: write_coding(&codec.coding),
+        partition: write_partition(&codec.partition, codec.grid.axes().len()),
         probabilities: write_probabilities(&codes),
         profile: profile.as_ref().map(write_profile),
-        index: write_index(&header.partition, &blocks.entries(&coded)),
+        index: write_index(&codec.partition, &blocks.entries(&coded)),
         exact: missing.map(|missing| {
             let parts: Vec<&[u8]> = coded.iter().map(|coded| &coded.exact[..]).collect();
             write_exact(&missing, &parts)
@@ -349,7 +337,7 @@ fn usual_missing(table: &Table) -> Vec<u64> {
 /// What restores the source's bits of a block that was just rebuilt; decoded again as a proof.
 fn code_exact(
     table: &Table,
-    header: &Header,
+    codec: &BlockCodec,
     block: &Uncoded,
     missing: &[u64],
     buffers: &mut Buffers,
@@ -360,7 +348,7 @@ fn code_exact(
         shape: block.block.shape,
         valid: &block.validity.valid,
         log: &buffers.scratch.log,
-        eps: header.coding.eps,
+        eps: codec.coding.eps,
         scales: &scales,
         missing,
     };

@@ -5,7 +5,8 @@ use std::sync::OnceLock;
 use crate::base::bits::ByteReader;
 use crate::base::error::Result;
 use crate::base::portable::exp64;
-use crate::codec::entropy::{MAX_NUMBER_BITS, code_number};
+use crate::codec::contexts::NUMBER_BITS;
+use crate::codec::entropy::code_number;
 use crate::codec::range::{Coder, Decoder};
 use crate::format::directory::PROBABILITIES;
 use crate::format::{is_compact, is_dependent};
@@ -13,8 +14,8 @@ use crate::format::{is_compact, is_dependent};
 /// Contexts of the coder within the section: whether a probability follows, by whether the two before did; then those of
 /// the differences between codes.
 const UNARY: usize = 4;
-const MANTISSA: usize = UNARY + MAX_NUMBER_BITS;
-const CONTEXTS: usize = MANTISSA + MAX_NUMBER_BITS;
+const MANTISSA: usize = UNARY + NUMBER_BITS;
+const CONTEXTS: usize = MANTISSA + NUMBER_BITS;
 
 /// Codes of probabilities of a one: 32768 * 2^(-c / 12) in 1/65536 for c below 128, and the rest to 1 for c - 128.
 pub(crate) fn decode_probability(code: u8) -> u16 {

@@ -5,7 +5,8 @@ use crate::base::budget::{Budget, Fault, filled, make_room};
 use crate::base::error::Result;
 use crate::base::simd::Level;
 use crate::codec::dependent::Quantization;
-use crate::codec::entropy::{self, Coefficients, MAX_MAGNITUDE, Walk};
+use crate::codec::contexts::COEFFICIENTS;
+use crate::codec::entropy::{Coefficients, MAX_MAGNITUDE, Walk};
 use crate::codec::fourier::{Basis, Lines, Synthesis};
 use crate::base::limits::MAX_KNOTS;
 use crate::codec::profile::{Profile, TABLES, bins};
@@ -101,7 +102,7 @@ impl CodedProfile {
     ) -> Result<(), &'static str> {
         // What all of it may take was counted before (`Reader::prepare`).
         let budget = Budget::unbounded();
-        let mut decoder = Decoder::new(&[1 << 15; entropy::CONTEXTS], &self.coded);
+        let mut decoder = Decoder::new(&[1 << 15; COEFFICIENTS], &self.coded);
         let (mut walk, mut coefficients) = (Walk::default(), Coefficients::default());
         for t in 0..TABLES {
             let shape = self.shape(bins, t);
@@ -157,7 +158,7 @@ mod write {
         pub(crate) fn with_components(&self, grid: &Grid, components: &[usize]) -> Result<CodedProfile, &'static str> {
             let bins = bins(grid).ok_or(NO_AXES)?;
             let channels = grid.channels().len();
-            let mut encoder = Encoder::new(&vec![1 << 15; entropy::CONTEXTS]);
+            let mut encoder = Encoder::new(&vec![1 << 15; COEFFICIENTS]);
             let mut walk = Walk::default();
             self.for_each_table(bins, channels, |_, shape, coefficients| {
                 let n = shape.iter().product();

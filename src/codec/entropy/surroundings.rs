@@ -1,13 +1,13 @@
 //! What the contexts of a coefficient depend on (spec section 4.6).
 
-use super::{Coded, EXPONENT, EXPONENTS, Extents, MAGNITUDE_LEVELS, SIGNIFICANT, SIGNIFICANT_ODD};
+use super::{Coded, Extents};
+use crate::codec::contexts::{EXPONENT, MAGNITUDE_LEVELS, NUMBER_BITS, SIGNIFICANT, SIGNIFICANT_EACH, SIGNIFICANT_ODD};
 use crate::codec::dependent::State;
 
 const LEVELS: usize = 12;
 const POSITIONS: usize = 4;
 const SISTERS: usize = 3;
-/// Contexts of whether a coefficient is nonzero, of a channel.
-pub(super) const CONTEXTS: usize = SISTERS * POSITIONS * LEVELS;
+const _: () = assert!(SISTERS * POSITIONS * LEVELS == SIGNIFICANT_EACH);
 
 /// Level of a weighted sum of neighbouring magnitudes, 0 to 11. All from 29 on are one: sums may end at 255.
 #[inline(always)]
@@ -110,7 +110,7 @@ impl Step {
         } else {
             self.contexts[i] + LEVEL[(u32::from(self.sums[i]) + 2 * one + two).min(255) as usize]
         };
-        base + self.class * CONTEXTS + usize::from(context)
+        base + self.class * SIGNIFICANT_EACH + usize::from(context)
     }
 
     /// First context of its magnitude.
@@ -118,7 +118,7 @@ impl Step {
     pub(crate) fn exponents(&self, i: usize, [one, two]: [u32; 2]) -> usize {
         let sum = u32::from(self.sums[i]) + 2 * one + two + 3 * u32::from(self.sisters[i]);
         let level = usize::from(LEVEL[sum.min(255) as usize]).saturating_sub(3).min(MAGNITUDE_LEVELS - 1);
-        EXPONENT + (self.class * MAGNITUDE_LEVELS + level) * EXPONENTS
+        EXPONENT + (self.class * MAGNITUDE_LEVELS + level) * NUMBER_BITS
     }
 }
 

@@ -11,7 +11,7 @@ use crate::codec::mask::MaskModel;
 use crate::codec::range::Encoder;
 use crate::codec::sample::Sampling;
 use crate::codec::zeros::code_zeros;
-use crate::decode::{CORRECTIONS, MASKS, ZEROS, contexts};
+use crate::codec::contexts::{CORRECTIONS, MASKS, ZEROS, contexts};
 use crate::format::directory;
 use crate::format::file::write_file;
 use crate::format::header::{Coding, write_coding, write_grid, write_partition};

@@ -1,8 +1,8 @@
 //! Channels that a pruned file keeps, and the header that such a file has.
 
 use crate::base::error::{Error, Result};
+use crate::blocks::BlockCodec;
 use crate::codec::channel::ChannelTransform;
-use crate::decode::Header;
 use crate::format::header::Coding;
 use crate::table::grid::Grid;
 
@@ -15,9 +15,9 @@ pub(super) struct Selection {
 
 impl Selection {
     /// `None` if the file has no other channels.
-    pub(super) fn new(header: &Header, channels: &[usize]) -> Result<Option<Selection>> {
+    pub(super) fn new(codec: &BlockCodec, channels: &[usize]) -> Result<Option<Selection>> {
         let bad = |what: String| Err(Error::InvalidArgument(what));
-        let count = header.grid.channels().len();
+        let count = codec.grid.channels().len();
         let mut sorted = channels.to_vec();
         sorted.sort_unstable();
         if sorted.is_empty() {
@@ -27,13 +27,13 @@ impl Selection {
             return bad(format!("channel {channel} does not exist, the file has {count}, numbered from 0"));
         }
         if let Some(pair) = sorted.windows(2).find(|pair| pair[0] == pair[1]) {
-            let name = &header.grid.channels()[pair[0]].name;
+            let name = &codec.grid.channels()[pair[0]].name;
             return bad(format!("channel {} ({name:?}) is named twice", pair[0]));
         }
         if sorted.len() == count {
             return Ok(None);
         }
-        let components = match &header.coding.transform {
+        let components = match &codec.coding.transform {
             ChannelTransform::None => sorted.clone(),
             // Leaving out a term that is zero changes no sum (spec section 2).
             ChannelTransform::Matrix(matrix) => {
@@ -62,7 +62,7 @@ impl Selection {
     }
 
     /// What the file with these channels decodes by; its probabilities are yet to be found.
-    pub(super) fn header(&self, source: &Header) -> Result<Header> {
+    pub(super) fn header(&self, source: &BlockCodec) -> Result<BlockCodec> {
         let count = source.grid.channels().len();
         let channels = self.channels.iter().map(|&c| source.grid.channels()[c].clone()).collect();
         let transform = match &source.coding.transform {
@@ -78,7 +78,8 @@ impl Selection {
             kept.map_err(|what| Error::corrupt("GRAZ", profile.offset, what))
         });
         let grid = Grid::new(source.grid.axes().to_vec(), channels)?;
-        Ok(Header::new(grid, coding, source.partition.clone(), Vec::new().into()).with_profile(profile.transpose()?))
+        Ok(BlockCodec::new(grid, coding, source.partition.clone(), Vec::new().into())
+            .with_profile(profile.transpose()?))
     }
 }
 

@@ -3,12 +3,10 @@
 use super::channels::Selection;
 use crate::base::budget::{Budget, Fault, repeated, with_room};
 use crate::base::error::Result;
-use crate::codec::correct::{self, Decoded};
-use crate::codec::entropy::Walk;
+use crate::blocks::code::{Coding, Contents};
+use crate::blocks::{BlockCodec, Scratch};
 use crate::codec::quantize::Quantizer;
 use crate::codec::range::{Coder, Decoder};
-use crate::codec::zeros::code_zeros;
-use crate::decode::{CORRECTIONS, Header, MASKS, Scratch, ZEROS, without_zeros};
 use crate::encode::classify;
 use crate::format::record::{Record, ValidityClass};
 use crate::table::block::{Block, positions};
@@ -19,19 +17,18 @@ const SORTED: u64 = 100;
 
 /// Takes records apart and codes what is left of them.
 pub(super) struct Recoder<'a> {
-    source: &'a Header,
+    source: &'a BlockCodec,
     /// Of the pruned file.
-    target: &'a Header,
+    target: &'a BlockCodec,
     /// `None`: all channels.
     selection: Option<&'a Selection>,
     /// Rms error that a block may gain, log domain.
     detail: f64,
     scratch: Scratch,
-    walk: Walk,
-    correct: correct::Walk,
+    coding: Coding,
 }
 
-/// What a record told, less what is not kept.
+/// What a record held, less what is not kept.
 pub(super) struct Remains {
     pub(super) class: ValidityClass,
     /// Valid entries of what is kept, times this, are those of the record; infinite if none are left.
@@ -48,13 +45,13 @@ pub(super) struct Remains {
 
 impl<'a> Recoder<'a> {
     pub(super) fn new(
-        source: &'a Header,
-        target: &'a Header,
+        source: &'a BlockCodec,
+        target: &'a BlockCodec,
         selection: Option<&'a Selection>,
         detail: f64,
     ) -> Recoder<'a> {
-        let (scratch, walk, correct) = Default::default();
-        Recoder { source, target, selection, detail, scratch, walk, correct }
+        let (scratch, coding) = Default::default();
+        Recoder { source, target, selection, detail, scratch, coding }
     }
 
     /// Takes a record with coefficients apart.
@@ -105,7 +102,7 @@ impl<'a> Recoder<'a> {
             false => 0.0,
         };
         if lost > 0.0 {
-            // All of it may be lost where something was measured, of which errors are told.
+            // All of it may be lost where something was measured, whose errors the index states.
             let masks = source.masks_of(block, scratch)?;
             let masks = selection.map_or_else(|| masks.clone(), |selection| selection.of_channels(&masks, n));
             let valid = masks.iter().filter(|valid| **valid).count();
@@ -115,31 +112,18 @@ impl<'a> Recoder<'a> {
     }
 
     /// Codes what is left of a record.
-    pub(super) fn code<C: Coder>(&mut self, coder: &mut C, block: &Block, remains: &mut Remains) -> Result<(), Fault> {
-        let Recoder { target, walk, correct, .. } = self;
-        if matches!(remains.class, ValidityClass::Mask | ValidityClass::MaskPerChannel) {
-            target.mask_model().code(coder, MASKS, block, &mut remains.masks);
-        }
-        if target.coding.zeros {
-            let channels = target.grid.channels().len();
-            code_zeros(coder, ZEROS, block.shape, channels, || &remains.masks, &mut remains.zeros)?;
-        }
-        let quantization = target.coding.quantization;
-        walk.code(coder, quantization, block.shape, &remains.coefficients)
-            .map_err(|_| "an extent or a coefficient is out of range")?;
-        if let (Some(step), Some((corrections, log))) = (target.coding.correction, &mut remains.corrections) {
-            let masks = &without_zeros(&remains.masks, &remains.zeros)?;
-            let decoded = Decoded { shape: block.shape, masks, log, step };
-            correct.code(coder, CORRECTIONS, decoded, corrections).map_err(|_| "a correction is out of range")?;
-        }
-        Ok(())
+    pub(super) fn code<C: Coder>(&mut self, coder: &mut C, block: &Block, remains: &Remains) -> Result<(), Fault> {
+        let Remains { class, masks, zeros, coefficients, corrections, .. } = remains;
+        let corrections = corrections.as_ref().map(|(corrections, log)| (&corrections[..], &log[..]));
+        let contents = Contents { class: *class, masks, zeros, coefficients, corrections };
+        self.target.code(coder, block, &contents, &mut self.coding)
     }
 }
 
 impl Remains {
-    fn select(&mut self, selection: &Selection, source: &Header, target: &Header, block: &Block) {
+    fn select(&mut self, selection: &Selection, source: &BlockCodec, target: &BlockCodec, block: &Block) {
         let n = block.positions();
-        let [before, after] = [source, target].map(|header| header.grid.channels().len());
+        let [before, after] = [source, target].map(|codec| codec.grid.channels().len());
         self.valid_before = before as f64 / after as f64;
         self.coefficients = selection.of_components(&self.coefficients, n);
         if !self.zeros.is_empty() {
@@ -164,12 +148,12 @@ impl Remains {
 ///
 /// The frequency is in half periods a bin, over all axes. Along a row it grows, so that a row loses its tail: what is left of it goes
 /// through the same states of the dependent quantiser as before.
-fn drop_finest(header: &Header, place: &Block, coefficients: &mut [i32], most: f64) -> Result<f64> {
+fn drop_finest(codec: &BlockCodec, place: &Block, coefficients: &mut [i32], most: f64) -> Result<f64> {
     let n = place.positions();
     let mut finest: Vec<(f64, usize, f64)> = with_room(coefficients.iter().filter(|q| **q != 0).count())?;
-    let shrink = header.coding.shrink.map(|s| f32::from(s) / 256.0);
+    let shrink = codec.coding.shrink.map(|s| f32::from(s) / 256.0);
     for (component, plane) in coefficients.chunks_exact(n).enumerate() {
-        let quantizer = Quantizer { step: header.coding.steps[component], shrink };
+        let quantizer = Quantizer { step: codec.coding.steps[component], shrink };
         for (at, (k, &q)) in positions(place.shape).zip(plane).enumerate().filter(|(_, (_, q))| **q != 0) {
             let frequency = (0..4).map(|a| (k[a] as f64 / place.shape[a] as f64).powi(2)).sum();
             finest.push((frequency, component * n + at, f64::from(quantizer.dequantize(q)).powi(2)));

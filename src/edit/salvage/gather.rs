@@ -10,7 +10,8 @@ use crate::base::budget::{Budget, with_room};
 use crate::base::error::{Error, Result};
 use crate::base::limits::MAX_MEANS;
 use crate::base::version::FINAL;
-use crate::decode::{Header, PrunedPolicy, Reader, Scratch, read_header};
+use crate::blocks::BlockCodec;
+use crate::decode::{PrunedPolicy, Reader, Scratch, read_header};
 use crate::format::directory::{self, Directory, Section};
 use crate::format::index::{Entry, Index, LOST};
 use crate::format::is_compact;
@@ -68,17 +69,17 @@ pub(super) fn gather(data: &[u8], options: &Options) -> Result<Salvaged> {
         lost: Vec::new(),
     };
     gathering.file(&table);
-    let header = gathering.header()?;
-    let components = header.grid.channels().len();
-    gathering.check_size(&header.partition, components)?;
-    let entries = gathering.index(&header.partition, components)?;
+    let codec = gathering.header()?;
+    let components = codec.grid.channels().len();
+    gathering.check_size(&codec.partition, components)?;
+    let entries = gathering.index(&codec.partition, components)?;
     gathering.metadata();
     let known_means = entries.len();
-    let (start, entries) = gathering.records(&header.partition, components, entries)?;
-    let lost_exact = gathering.exact(header.partition.block_count(), components);
+    let (start, entries) = gathering.records(&codec.partition, components, entries)?;
+    let lost_exact = gathering.exact(codec.partition.block_count(), components);
     gathering.others();
     let index = Index::of(&entries, start, components);
-    gathering.finish(header, index, known_means, lost_exact, &table)
+    gathering.finish(codec, index, known_means, lost_exact, &table)
 }
 
 impl Gathering<'_> {
@@ -126,7 +127,7 @@ impl Gathering<'_> {
         mended
     }
 
-    fn header(&mut self) -> Result<Header> {
+    fn header(&mut self) -> Result<BlockCodec> {
         for name in HEAD {
             let Some(section) = self.head.section(name).cloned() else { continue };
             let mended = self.take(name, true);
@@ -313,7 +314,7 @@ impl Gathering<'_> {
     /// The file that was put together, once all that was changed is proven.
     fn finish(
         mut self,
-        header: Header,
+        codec: BlockCodec,
         index: Index,
         known_means: usize,
         lost_exact: usize,
@@ -326,7 +327,7 @@ impl Gathering<'_> {
         let image = std::mem::take(&mut self.image);
         let directory = Directory::of(version, image.sections);
         let reader =
-            Reader::of(image.bytes, self.options.limits, directory, header, index).with_pruned(PrunedPolicy::Coarse);
+            Reader::of(image.bytes, self.options.limits, directory, codec, index).with_pruned(PrunedPolicy::Coarse);
         for Flipped { section, name, row } in std::mem::take(&mut self.flipped) {
             let bits = self.evidence_of(&reader, name, &section)?;
             if bits < self.options.evidence {

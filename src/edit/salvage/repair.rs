@@ -176,7 +176,7 @@ mod tests {
                 (section.id.to_vec(), section.skippable, golden.section(name).unwrap().unwrap())
             })
             .collect();
-        sections.push((vec![0x9F, b'"', 0, b'x'], true, vec![1, 2, 3]));
+        sections.push((vec![0x1F, b'"', 0, b'x'], true, vec![1, 2, 3]));
         for good in [write_file(golden.version(), &sections), write_file_with_spare(golden.version(), &sections)] {
             let mut bad = good.clone();
             bad.pop();

@@ -13,7 +13,8 @@ use rayon::prelude::*;
 
 use crate::codec::channel::ChannelTransform;
 use crate::codec::dependent::Quantization;
-use crate::codec::entropy::{self, Walk};
+use crate::codec::contexts::COEFFICIENTS;
+use crate::codec::entropy::Walk;
 use crate::codec::fourier::Basis;
 use crate::codec::fourier::forward::Transform;
 use crate::codec::profile::{Profile, TABLES, bins, place};
@@ -408,7 +409,7 @@ pub(in crate::encode) fn fit(
     let tables: Vec<Tables> =
         components.chunks(LANES).map(|components| solve(&planes, bins, components, effort.profile_stages())).collect();
     let mut first = Vec::new();
-    let mut encoder = Encoder::new(&vec![1 << 15; entropy::CONTEXTS]);
+    let mut encoder = Encoder::new(&vec![1 << 15; COEFFICIENTS]);
     let mut walk = Walk::default();
     for t in 0..TABLES {
         let shape = [1, 1, bins[t / 2], KNOTS];

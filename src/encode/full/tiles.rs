@@ -10,7 +10,8 @@ use rayon::prelude::*;
 use super::table::FullTable;
 use crate::base::error::{Error, Result};
 use crate::codec::dependent::Quantization;
-use crate::codec::entropy::{CONTEXTS, Walk};
+use crate::codec::contexts::COEFFICIENTS;
+use crate::codec::entropy::Walk;
 use crate::codec::range::{Costs, Counter};
 use crate::encode::effort::Effort;
 use crate::encode::progress::Progress;
@@ -260,14 +261,14 @@ fn count(settings: &Encoder, full: &FullTable, blocks: &[Block]) -> Result<(Coun
         .par_iter()
         .map_init(Walk::default, |walk, block| {
             let quantized = full.quantize_trial(settings, block)?;
-            let mut counter = Counter::new(CONTEXTS);
+            let mut counter = Counter::new(COEFFICIENTS);
             let coded = walk.code(&mut counter, Quantization::Scalar, block.shape, &quantized.coefficients);
             debug_assert!(coded.is_ok(), "the quantiser bounds the coefficients");
             Ok((counter, quantized.squared_error))
         })
         .collect::<Result<_>>()?;
     // In the order of the blocks, so that sums do not depend on the number of threads.
-    Ok(parts.into_iter().fold((Counter::new(CONTEXTS), 0.0), |(mut sum, errors), (counter, error)| {
+    Ok(parts.into_iter().fold((Counter::new(COEFFICIENTS), 0.0), |(mut sum, errors), (counter, error)| {
         sum.add(&counter);
         (sum, errors + error)
     }))

@@ -10,12 +10,12 @@ use rayon::prelude::*;
 
 use crate::codec::dependent::{Quantization, STATES, State};
 use crate::codec::entropy::{
-    Around, Extents, MAX_MAGNITUDE, ODD_CONTEXTS, Rows, SIGNIFICANT, SIGNIFICANT_ODD, WIDTH, Walk, find_extents,
+    Around, Extents, MAX_MAGNITUDE, Rows, WIDTH, Walk, find_extents,
     price_number,
 };
 use crate::codec::quantize::quantize_mean;
 use crate::codec::range::{Costs, Counter};
-use crate::decode::CONTEXTS;
+use crate::codec::contexts::{CONTEXTS, ODD_CONTEXTS, SIGNIFICANT, SIGNIFICANT_ODD};
 use crate::encode::quantised::Quantized;
 
 /// Step of the multiples in steps of the encoder, which are those of a scalar quantiser. Shares of .5 to .8 and exchange rates of .2 to

@@ -12,7 +12,7 @@ use crate::base::error::Result;
 use crate::codec::dependent::Quantization;
 use crate::codec::entropy::Walk;
 use crate::codec::range::Counter;
-use crate::decode::CONTEXTS;
+use crate::codec::contexts::CONTEXTS;
 use crate::encode::quantised::Quantized;
 use crate::table::block::Partition;
 

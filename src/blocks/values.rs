@@ -1,6 +1,6 @@
 //! From the components of a block's log values to its values, in the rows of a table or of the block.
 
-use super::rebuild::{Header, Scratch};
+use super::codec::{BlockCodec, Scratch};
 use crate::base::error::Result;
 use crate::base::portable::{FEWER_LANES, LANES, exp32_lanes};
 use crate::base::simd::Task;
@@ -10,28 +10,28 @@ use crate::table::block::{Block, Place, Target};
 
 impl Scratch {
     /// Exact zeros in the log values: exp of what they get is zero, and so is the value.
-    pub(super) fn hide_zeros(&mut self) {
+    pub(crate) fn hide_zeros(&mut self) {
         for (log, zero) in self.log.iter_mut().zip(&self.zeros) {
             *log = if *zero { f32::NEG_INFINITY } else { *log };
         }
     }
 }
 
-impl Header {
+impl BlockCodec {
     /// Components to log values of channels, `[channel][position]`.
-    pub(super) fn to_channels(&self, values: &mut [f32]) {
+    pub(crate) fn to_channels(&self, values: &mut [f32]) {
         let (transform, channels) = (&self.coding.transform, self.grid.channels().len());
         self.level.run(ToChannels { transform, channels, values });
     }
 
     /// BRDF values in place of the log values in the scratch.
-    pub(super) fn values<'a>(&self, scratch: &'a mut Scratch) -> &'a [f32] {
+    pub(crate) fn values<'a>(&self, scratch: &'a mut Scratch) -> &'a [f32] {
         self.level.run(InverseToneMap { eps: self.coding.eps as f32, values: &mut scratch.log });
         &scratch.log
     }
 
     /// BRDF values in all of the memory of a block, from the components in the scratch.
-    pub(super) fn values_to<P: Place<f32>>(
+    pub(crate) fn values_to<P: Place<f32>>(
         &self,
         place: &Block,
         scratch: &mut Scratch,

@@ -1,4 +1,4 @@
-//! What decoding needs of a file beside a block's record, and how a record becomes values (spec section 5).
+//! What the records of a file's blocks have in common, and how a record becomes log values (spec section 1.4).
 
 use std::borrow::Cow;
 use std::sync::OnceLock;
@@ -7,15 +7,15 @@ use super::buffer::Buffer;
 use crate::base::budget::{Budget, Fault, lengthen, make_room, refill, repeated, with_room};
 use crate::base::error::Result;
 use crate::base::simd::Level;
+use crate::codec::contexts::{CORRECTIONS, MASKS, ZEROS};
 use crate::codec::correct::{self, Decoded, correct};
-use crate::codec::dependent::Quantization;
-use crate::codec::entropy::{self, Coefficients, Walk};
+use crate::codec::entropy::{Coefficients, Walk};
 use crate::codec::fourier::{AxisTable, Lines, Synthesis, Term};
-use crate::codec::mask::{self, MaskModel};
+use crate::codec::mask::MaskModel;
 use crate::codec::profile::Profile;
 use crate::codec::quantize::{Quantizer, dequantize_mean};
 use crate::codec::range::Decoder;
-use crate::codec::zeros::{self, code_zeros};
+use crate::codec::zeros::code_zeros;
 use crate::format::header::Coding;
 use crate::format::probabilities::Probabilities;
 use crate::format::profile::CodedProfile;
@@ -24,32 +24,14 @@ use crate::table::block::{Block, Partition};
 use crate::table::grid::Grid;
 use crate::table::horizon::Horizon;
 
-/// First contexts of the range coder for coefficients (from 0), masks, zeros, corrections.
-pub(crate) const MASKS: usize = entropy::CONTEXTS;
-pub(crate) const ZEROS: usize = MASKS + mask::CONTEXTS;
-pub(crate) const CORRECTIONS: usize = ZEROS + zeros::CONTEXTS;
-/// Number of contexts of the range coder where all multiples of the step are allowed; drafts 1 and 2 end before the zeros.
-const SCALAR_CONTEXTS: usize = CORRECTIONS + correct::CONTEXTS;
-/// Number of contexts of the range coder with dependent quantisation.
-pub(crate) const CONTEXTS: usize = entropy::SIGNIFICANT_ODD + entropy::ODD_CONTEXTS;
-const _: () = assert!(entropy::SIGNIFICANT_ODD == SCALAR_CONTEXTS);
-
-/// Number of contexts of a file's range coder.
-pub(crate) fn contexts(quantization: Quantization) -> usize {
-    match quantization {
-        Quantization::Scalar => SCALAR_CONTEXTS,
-        Quantization::Dependent => CONTEXTS,
-    }
-}
-
-/// What decoding needs besides a block's record; the encoder decodes with it before there is a file.
-pub(crate) struct Header {
+/// What coding a block needs besides its record. The reader, the encoder (before there is a file) and pruning have the same.
+pub(crate) struct BlockCodec {
     pub(crate) grid: Grid,
     pub(crate) coding: Coding,
     pub(crate) partition: Partition,
     pub(crate) probabilities: Probabilities,
-    pub(super) synthesis: Synthesis,
-    pub(super) level: Level,
+    pub(crate) synthesis: Synthesis,
+    pub(crate) level: Level,
     horizon: OnceLock<Option<Horizon>>,
     mask: OnceLock<MaskModel>,
     pub(crate) coded_profile: Option<CodedProfile>,
@@ -61,9 +43,9 @@ pub(crate) struct Header {
 pub struct Scratch {
     pub(crate) coefficients: Coefficients,
     /// Those of a component, dequantised.
-    pub(super) terms: Vec<Term>,
-    pub(super) walk: Walk,
-    pub(super) class: ValidityClass,
+    pub(crate) terms: Vec<Term>,
+    pub(crate) walk: Walk,
+    pub(crate) class: ValidityClass,
     /// Empty where the class says enough and the values do not depend on them.
     pub(crate) masks: Vec<bool>,
     /// Exact zeros, `[channel][position]`; empty if the record says that the block has none.
@@ -71,17 +53,17 @@ pub struct Scratch {
     /// Log values, `[channel][position]`.
     pub(crate) log: Buffer<f32>,
     /// Values on their way to short rows.
-    pub(super) values: Buffer<f32>,
-    pub(super) lines: Lines,
+    pub(crate) values: Buffer<f32>,
+    pub(crate) lines: Lines,
     /// Of the block that was rebuilt last, if the file has a correction step; `[channel][position]`.
     pub(crate) corrections: Vec<i32>,
-    pub(super) correct: correct::Walk,
+    pub(crate) correct: correct::Walk,
 }
 
-impl Header {
-    pub(crate) fn new(grid: Grid, coding: Coding, partition: Partition, probabilities: Probabilities) -> Header {
+impl BlockCodec {
+    pub(crate) fn new(grid: Grid, coding: Coding, partition: Partition, probabilities: Probabilities) -> BlockCodec {
         let synthesis = Synthesis::new(coding.basis, &partition.axis_lengths());
-        Header {
+        BlockCodec {
             grid,
             coding,
             partition,
@@ -96,29 +78,29 @@ impl Header {
     }
 
     /// The same with a grazing profile.
-    pub(crate) fn with_profile(self, coded_profile: Option<CodedProfile>) -> Header {
-        Header { coded_profile, ..self }
+    pub(crate) fn with_profile(self, coded_profile: Option<CodedProfile>) -> BlockCodec {
+        BlockCodec { coded_profile, ..self }
     }
 
     /// The grazing profile, decoded at first use: opening does not wait for it.
-    pub(super) fn profile(&self) -> Result<Option<&Profile>, &'static str> {
+    pub(crate) fn profile(&self) -> Result<Option<&Profile>, &'static str> {
         let Some(coded) = &self.coded_profile else { return Ok(None) };
         self.profile.get_or_init(|| coded.decode(&self.grid)).as_ref().map(Some).map_err(|what| *what)
     }
 
     /// What decoding the profile will take; `None` where there is none, or it was decoded.
-    pub(super) fn cost_of_profile(&self) -> Option<[u64; 2]> {
+    pub(crate) fn cost_of_profile(&self) -> Option<[u64; 2]> {
         let coded = self.coded_profile.as_ref().filter(|_| self.profile.get().is_none())?;
         let shapes = coded.shapes(&self.grid)?;
         let synthesis = Synthesis::new(crate::codec::fourier::Basis::Dct, &[]);
-        Some(super::cost::of_profile(coded, &self.grid, &synthesis, shapes))
+        Some(super::head_cost::of_profile(coded, &self.grid, &synthesis, shapes))
     }
 
     pub(crate) fn mask_model(&self) -> &MaskModel {
         self.mask.get_or_init(|| MaskModel::new(self.horizon().cloned(), self.coding.horizon))
     }
 
-    pub(super) fn horizon(&self) -> Option<&Horizon> {
+    pub(crate) fn horizon(&self) -> Option<&Horizon> {
         self.horizon.get_or_init(|| Horizon::new(&self.grid)).as_ref()
     }
 
@@ -158,7 +140,7 @@ impl Header {
         masks
     }
 
-    pub(super) fn decode_masks(
+    pub(crate) fn decode_masks(
         &self,
         block: &Block,
         class: ValidityClass,
@@ -208,7 +190,7 @@ impl Header {
     }
 
     /// Components of log values in `scratch.log`, exact zeros on the side; the decoder stands before the corrections.
-    pub(super) fn components<'a>(
+    pub(crate) fn components<'a>(
         &self,
         block: &Block,
         record: &Record<'a>,
@@ -226,7 +208,7 @@ impl Header {
     }
 
     /// Components of log values in `scratch.log`, from the coefficients in the scratch.
-    pub(super) fn synthesize(&self, block: &Block, means: &[i32], scratch: &mut Scratch) -> Result<(), Fault> {
+    pub(crate) fn synthesize(&self, block: &Block, means: &[i32], scratch: &mut Scratch) -> Result<(), Fault> {
         let n = block.positions();
         scratch.log.resize(means.len() * n)?;
         let Scratch { coefficients, terms, log, lines, .. } = scratch;
@@ -239,7 +221,7 @@ impl Header {
 
     /// Components of log values of a block of means alone in `scratch.log`, one for each row along the last axis, `[component][row]`;
     /// false if they are not the same along each.
-    pub(super) fn rows_of_means(&self, block: &Block, means: &[i32], scratch: &mut Scratch) -> Result<bool> {
+    pub(crate) fn rows_of_means(&self, block: &Block, means: &[i32], scratch: &mut Scratch) -> Result<bool> {
         let rows = block.positions() / block.shape[3];
         scratch.log.resize(means.len() * rows)?;
         for ((values, mean), step) in scratch.log.chunks_exact_mut(rows).zip(means).zip(&self.coding.steps) {
@@ -256,7 +238,7 @@ impl Header {
     }
 
     /// The coefficients of a component, that at index 0 first.
-    pub(super) fn dequantize(
+    pub(crate) fn dequantize(
         &self,
         component: usize,
         coefficients: &[(u32, i32)],
@@ -273,18 +255,18 @@ impl Header {
     }
 
     /// Adds the profile, if the file has one, to the components of a block.
-    pub(super) fn add_profile(&self, block: &Block, values: &mut [f32]) -> Result<(), &'static str> {
+    pub(crate) fn add_profile(&self, block: &Block, values: &mut [f32]) -> Result<(), &'static str> {
         if let Some(profile) = self.profile()? {
             profile.add(self.level, block, values);
         }
         Ok(())
     }
 
-    pub(super) fn axes(&self, shape: [usize; 4]) -> [&AxisTable; 4] {
+    pub(crate) fn axes(&self, shape: [usize; 4]) -> [&AxisTable; 4] {
         shape.map(|n| self.synthesis.axis(n))
     }
 
-    /// What [`Header::rebuild`] gives before corrections and zeros, of coefficients `[component][position]` that are not coded yet.
+    /// What [`BlockCodec::rebuild`] gives before corrections and zeros, of coefficients `[component][position]` that are not coded yet.
     #[cfg(feature = "encode")]
     pub(crate) fn rebuild_uncoded(
         &self,
