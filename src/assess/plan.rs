@@ -93,7 +93,7 @@ fn check_axes(grid: &Grid) -> Result<()> {
 }
 
 /// The measurement of every position of the grid; `None` where no pair of directions above the horizon falls into the
-/// bin, or only pairs so near to it that no instrument tells them from it.
+/// bin, or only pairs so near to it that no instrument keeps them apart from it.
 ///
 /// On MERL's grid 1,112,344 of the 1,114,044 possible bins: 1,095,076 at their centres, 17,268 off them, near the horizon;
 /// 1,700 are left out.

@@ -247,7 +247,7 @@ pub(crate) fn lengthen<T: Clone>(values: &mut Vec<T>, length: usize, value: T) -
     Ok(())
 }
 
-/// Makes room for so many values in all.
+/// Makes room for `length` values in all.
 ///
 /// # Errors
 /// `OutOfMemory`.

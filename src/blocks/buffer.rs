@@ -13,7 +13,7 @@ pub(crate) struct Buffer<T> {
 }
 
 impl<T: Copy + Default> Buffer<T> {
-    /// So many values, whatever stands in them.
+    /// `len` values, whatever stands in them.
     ///
     /// # Errors
     /// `OutOfMemory`.

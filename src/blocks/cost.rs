@@ -108,7 +108,7 @@ impl BlockCodec {
         rows * groups * (8 + 2 * profile.knots as u64) + 4 * block.positions() as u64 + 2 * self.values_of(block)
     }
 
-    /// Operations and bytes of telling which entries of a block are valid: of all channels if each has a mask of its own.
+    /// Operations and bytes of finding which entries of a block are valid: of all channels if each has a mask of its own.
     pub(crate) fn of_validity(&self, block: &Block, class: ValidityClass) -> [u64; 2] {
         let n = block.positions() as u64;
         match class {
@@ -121,7 +121,7 @@ impl BlockCodec {
         }
     }
 
-    /// Operations and bytes of where the entries of so many channels of a block come from.
+    /// Operations and bytes of where the entries of `channels` channels of a block come from.
     pub(crate) fn of_origins(&self, block: &Block, channels: usize, drawn: bool) -> [u64; 2] {
         let n = block.positions() as u64;
         let (each, bytes) = if drawn { (20, 8 * n) } else { (1, 0) };

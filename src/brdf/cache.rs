@@ -15,7 +15,7 @@ pub(super) const SPARSE_BLOCKS: usize = 4096;
 /// Most places of the cache: eight bytes each, empty or not.
 pub(super) const CACHE_BLOCKS: usize = 1 << 16;
 
-/// Of the cache's bytes, coefficients get one in so many; most materials need 0.2 MB.
+/// Of the cache's bytes, coefficients get every n-th; most materials need 0.2 MB.
 pub(super) const SPARSE_SHARE: usize = 4;
 
 /// Operations of decoding that each look-up brings with it, if it needs them. So renderers may go on for ever with a cache that is too

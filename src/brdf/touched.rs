@@ -36,7 +36,7 @@ impl Touched {
         &self.blocks
     }
 
-    /// CRC-32 of the file's index section: traces of one file can be told from those of another.
+    /// CRC-32 of the file's index section: it keeps traces of one file apart from those of another.
     pub fn index_crc(&self) -> u32 {
         self.index_crc
     }

@@ -29,20 +29,20 @@ pub(crate) type Extents = [usize; 4];
 pub(crate) trait Rows {
     /// Their extents, the first integer left aside; a decoder's are not looked at.
     fn extents(&self, shape: [usize; 4]) -> Extents;
-    /// Told of a row just before it is coded: those integers may be chosen yet.
+    /// Called with a row just before it is coded: its integers may be chosen yet.
     #[inline(always)]
     fn choose(&mut self, _: &Around, _length: usize) {}
     /// The one at a position; a decoder's is not looked at.
     fn get(&self, position: usize) -> i32;
-    /// Told of how many rows are gone through.
+    /// Called with the number of rows that are gone through.
     #[inline(always)]
     fn pass(&mut self, _rows: usize) {}
-    /// Told of how many integers a decoder may find on the row that comes, so that there is room.
+    /// Called with the number of integers that a decoder may find on the row that comes, so that there is room.
     #[inline(always)]
     fn expect(&mut self, _length: usize) -> Result<(), OutOfRange> {
         Ok(())
     }
-    /// Told of what a decoder finds that is not zero.
+    /// Called with each integer that a decoder finds not to be zero.
     #[inline(always)]
     fn find(&mut self, _position: usize, _q: i32) {}
 }
@@ -345,8 +345,8 @@ impl Walk {
                     }
                     continue;
                 }
-                let told = if DEPENDENT { state.index(q.unsigned_abs()) } else { q.unsigned_abs() };
-                let index = 1 + code_number(coder, step.exponents(i, before), MANTISSA, told.wrapping_sub(1))?;
+                let index_coded = if DEPENDENT { state.index(q.unsigned_abs()) } else { q.unsigned_abs() };
+                let index = 1 + code_number(coder, step.exponents(i, before), MANTISSA, index_coded.wrapping_sub(1))?;
                 let magnitude = if DEPENDENT { state.magnitude(index) } else { index };
                 if magnitude > MAX_MAGNITUDE {
                     return Err(OutOfRange);

@@ -124,7 +124,7 @@ impl Synthesis {
         self.tables[at].1.get_or_init(|| AxisTable::new(self.basis, n))
     }
 
-    /// The value at every position of a block whose coefficients are all zero but that at index 0, by what the sums come to; not told of
+    /// The value at every position of a block whose coefficients are all zero but that at index 0, by what the sums come to; `None` for
     /// a basis whose sums may differ.
     pub(crate) fn constant(&self, shape: [usize; 4], mean: f32) -> Option<f32> {
         (self.basis == Basis::Dct).then(|| dct::constant(shape.map(|n| self.axis(n)), mean))
@@ -172,7 +172,7 @@ impl Synthesis {
         }
     }
 
-    /// About the multiply-adds of a synthesis from so many terms.
+    /// About the multiply-adds of a synthesis from `terms` terms.
     pub(crate) fn work(&self, shape: [usize; 4], terms: usize) -> u64 {
         let n = shape.iter().product::<usize>() as u64;
         let mut lengths = shape.into_iter().rev().filter(|n| *n > 1).map(|n| n as u64);

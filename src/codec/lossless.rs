@@ -369,7 +369,7 @@ mod fit {
         if zeros(all) > plain { (true, zeros(all)) } else { (false, plain) }
     }
 
-    /// Least squares from the normal equations, right side last; 0 for unknowns that the others tell already.
+    /// Least squares from the normal equations, right side last; 0 for unknowns that follow from the others.
     fn solve(mut normal: [[f64; TAPS + 1]; TAPS]) -> [f64; TAPS] {
         let mut used = [true; TAPS];
         normal.iter_mut().enumerate().for_each(|(pivot, row)| row[pivot] *= 1.0 + 1e-6);

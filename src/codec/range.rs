@@ -4,7 +4,7 @@
 //! the value that it is given and returns the one in the stream.
 
 /// Codes decisions under adaptive contexts. A loop over many holds its coder by value, the default in its place meanwhile: behind a
-/// reference each decision would wait for the numbers of the one before to be stored, since nobody can tell that the states are
+/// reference each decision would wait for the numbers of the one before to be stored, since the compiler does not know that the states are
 /// elsewhere.
 pub(crate) trait Coder: Default {
     /// Whether it is a decoder: the values that it is given mean nothing.
@@ -155,7 +155,7 @@ impl Coder for Decoder<'_> {
         let mut value = 0;
         for _ in 0..bits {
             range >>= 1;
-            // Without a branch: nobody could tell which way it goes.
+            // Without a branch: which way it goes is not predictable.
             let bit = u32::from(code < range);
             code -= range & bit.wrapping_sub(1);
             value = value << 1 | bit;
@@ -285,7 +285,7 @@ mod encoder {
             self.counts.copy_within(from, to);
         }
 
-        /// Probability of a one in each context; `None` where telling it would save fewer than `bits`.
+        /// Probability of a one in each context; `None` where storing it would save fewer than `bits`.
         pub(crate) fn probabilities(&self, bits: f64) -> Vec<Option<f64>> {
             let probability = |&[zeros, ones]: &[u32; 2]| {
                 let total = f64::from(zeros) + f64::from(ones);

@@ -44,7 +44,7 @@ impl Sampling {
         })
     }
 
-    /// The sampling of a block whose record says so many doublings of the file's ratio; every entry where that reaches 1.
+    /// The sampling of a block whose record states this many doublings of the file's ratio; every entry where that reaches 1.
     pub fn doubled(self, doublings: u8) -> Sampling {
         let Sampling::Bernoulli { threshold } = self else {
             return self;

@@ -22,7 +22,7 @@ pub(crate) fn inverse_tone_maps(values: &mut [f32], eps: f32) {
     together::<1>(rest, eps);
 }
 
-/// So many at a time; gives what is left over.
+/// `N` at a time; gives what is left over.
 #[inline(always)]
 fn together<const N: usize>(values: &mut [f32], eps: f32) -> &mut [f32] {
     let mut chunks = values.chunks_exact_mut(N);

@@ -1,7 +1,7 @@
 //! Entries whose measured value is exactly zero (spec section 4.9).
 //!
 //! Where a measurement fell below its floor, its logarithm has an edge that no sparse spectrum holds. Such entries are
-//! told apart by a mask and decode to exactly zero; to the transform they are holes.
+//! marked by a mask and decode to exactly zero; to the transform they are holes.
 
 use crate::base::budget::lengthen;
 use crate::base::error::Result;
@@ -32,7 +32,7 @@ pub(crate) fn code_zeros<'a, C: Coder>(
 ) -> Result<()> {
     let n: usize = shape.iter().product();
     let [_, n1, n2, n3] = shape;
-    let (mut masks, mut told) = (Some(masks), None);
+    let (mut masks, mut asked) = (Some(masks), None);
     if C::READS {
         zeros.clear();
     }
@@ -49,9 +49,9 @@ pub(crate) fn code_zeros<'a, C: Coder>(
             lengthen(zeros, channels * n, false)?;
         }
         if let Some(masks) = masks.take() {
-            told = Some(masks());
+            asked = Some(masks());
         }
-        let masks = told.unwrap_or_default();
+        let masks = asked.unwrap_or_default();
         let valid = if masks.len() == n { masks } else { &masks[channel * n..(channel + 1) * n] };
         let (done, zeros) = zeros.split_at_mut(channel * n);
         let zeros = &mut zeros[..n];

@@ -292,7 +292,7 @@ fn bombs_cost() {
     let opened = start.elapsed();
     let open_peak = peak() - before;
     let text = reader.metadata().map(|m| m.other.len());
-    let told = start.elapsed() - opened;
+    let answered = start.elapsed() - opened;
     let meta_peak = peak() - before;
     let start = Instant::now();
     let mut all = reader.decode_all().unwrap();
@@ -303,7 +303,7 @@ fn bombs_cost() {
         bytes.len(),
         opened.as_secs_f64() * 1e3,
         open_peak / 1000,
-        told.as_secs_f64() * 1e3,
+        answered.as_secs_f64() * 1e3,
         meta_peak / 1000,
         decoded.as_secs_f64(),
         (peak() - before) / 1000

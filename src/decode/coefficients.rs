@@ -105,7 +105,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
         Ok(components)
     }
 
-    /// The grazing profile over a block of so many values.
+    /// The grazing profile over a block of `values` values.
     fn profile_of(&self, place: &Block, values: usize) -> Result<Vec<f32>> {
         let mut profile = Vec::new();
         if let Some(coded) = &self.codec.coded_profile {

@@ -238,7 +238,7 @@ pub(super) fn map_blocks<T>(
     blocks.map(|block| work(&mut scratch, block)).collect()
 }
 
-/// A byte of a record takes about as long as so many positions.
+/// A byte of a record takes about as long as this many positions.
 #[cfg(feature = "parallel")]
 const BYTE: usize = 32;
 
@@ -254,7 +254,7 @@ fn fill_in_order<M: Send>(
     let next = || queue.lock().unwrap_or_else(std::sync::PoisonError::into_inner).next();
     let scratches = Scratches::default();
     if most < rayon::current_num_threads() {
-        // So many at a time, each until nothing is left.
+        // A few at a time, each until nothing is left.
         let failed = std::sync::atomic::AtomicBool::new(false);
         return (0..most).into_par_iter().with_max_len(1).try_for_each(|_| {
             while let Some((share, memory)) = next().filter(|_| !failed.load(std::sync::atomic::Ordering::Relaxed)) {

@@ -147,7 +147,7 @@ fn probabilities_out_of_range_are_an_error_of_the_first_block() {
     assert!(damage.len() == 1 && named(&damage[0]), "{damage:?}");
 }
 
-/// What is told of a block agrees with what is decoded. Blocks of three axes that Miri gets through.
+/// What the reader says of a block agrees with what is decoded. Blocks of three axes that Miri gets through.
 #[test]
 fn the_smallest_block_of_each_file_is_as_it_is_told() {
     for (name, bytes) in golden() {

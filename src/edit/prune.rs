@@ -40,7 +40,7 @@ pub struct PrunedFile {
     pub gone: usize,
 }
 
-/// What to leave out of a file, nothing unless it is told; then [`Pruner::prune`].
+/// What to leave out of a file, nothing unless a setting says so; then [`Pruner::prune`].
 #[derive(Clone, Debug, Default)]
 pub struct Pruner<'a> {
     touched: Option<&'a Touched>,
@@ -72,7 +72,7 @@ impl<'a> Pruner<'a> {
     /// The file without what is to be left out. What is kept decodes to the same bits, unless detail was to be lost.
     ///
     /// The errors that the index states grow with the detail lost, and where fewer channels share them. What restores the source's
-    /// bits is dropped, and the metadata no longer tell a contract.
+    /// bits is dropped, and the metadata no longer state a contract.
     ///
     /// # Errors
     /// `InvalidArgument` if the trace is of another file, the file of a draft before 4, or `detail` not a finite number from 0 on or not
@@ -177,11 +177,10 @@ impl<D: AsRef<[u8]>> Job<'_, D> {
         let values = self.reader.block_values(block)? as u64;
         let _held = self.budget.holding(RECODED * values)?;
         self.budget.spend(RECODING * values)?;
-        let remains =
-            recoder.take_apart(&place, record, self.reader.means(block), self.budget).and_then(|remains| {
-                recoder.code(coder, &place, &remains)?;
-                Ok(remains)
-            });
+        let remains = recoder.take_apart(&place, record, self.reader.means(block), self.budget).and_then(|remains| {
+            recoder.code(coder, &place, &remains)?;
+            Ok(remains)
+        });
         remains.map_err(|fault| self.reader.fault(block, fault))
     }
 
@@ -244,7 +243,7 @@ impl<D: AsRef<[u8]>> Job<'_, D> {
                 encoder.remove(stale);
             }
             let mut pruned = json!({ "blocks": self.reader.block_count(), "kept": kept, "detail": self.detail });
-            // Once channels are gone, how many there were is told for good.
+            // Once channels are gone, how many there were stays in the metadata for good.
             let before = encoder.get("pruned").and_then(|pruned| pruned.get("channels")).cloned();
             let now = self.selection.map(|_| self.reader.grid().channels().len().into());
             if let Some(channels) = before.or(now) {
@@ -356,7 +355,7 @@ mod tests {
                 assert!(lost <= detail * 1.001, "block {number}: {lost} for {detail}");
                 let valid = small.block_validity(number).unwrap();
                 assert_eq!(valid, reader.block_validity(number).unwrap());
-                // Errors are told of valid entries, which may have all that was lost.
+                // Stated errors are those of valid entries, which may have all that was lost.
                 let count = valid.iter().filter(|valid| **valid).count() as f64;
                 let pairs = before.iter().zip(&after).zip(&valid).filter(|(_, valid)| **valid);
                 let of_valid = (pairs.map(|(pair, _)| apart(pair)).sum::<f64>() / count).sqrt();

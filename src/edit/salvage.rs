@@ -11,7 +11,7 @@
 //! - INDX: nothing if at most four neighbouring bytes are wrong and the records behind them prove it; otherwise all values.
 //! - GRAZ is needed for every value: the profile's extent over the table is in it.
 //!
-//! "Restored" means proven to [`WANTED`] bits; a caller may take less ([`Options::evidence`]) and is told so.
+//! "Restored" means proven to [`WANTED`] bits; a caller may take less ([`Options::evidence`]), and then learns how much there was.
 
 mod evidence;
 mod exact;

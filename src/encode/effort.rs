@@ -16,7 +16,7 @@ pub enum Effort {
 /// A part of the grazing profile's fit.
 #[derive(Clone, Copy)]
 pub(super) struct ProfileStage {
-    /// Every so many bins of theta_h take part.
+    /// Every n-th bin of theta_h takes part.
     pub(super) stride: usize,
     /// Rounds of reweighting.
     pub(super) rounds: usize,
@@ -45,7 +45,7 @@ impl Effort {
         }
     }
 
-    /// Shapes that go with a tiling are tried in a tile where it costs at most so many times the other one, both uncut. Seven tables, share
+    /// Shapes that go with a tiling are tried in a tile where it costs at most this many times the other one, both uncut. Seven tables, share
     /// of the trials' time saved / bits and error lost at most: 1 40 % / .6 %, 1.05 33 % / .6 % (paper white; others .1 %), 1.1 25 %
     /// / .1 %.
     pub(super) fn tile_margin(self) -> f64 {

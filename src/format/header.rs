@@ -32,7 +32,7 @@ pub struct Coding {
     pub shrink: [i8; 2],
     /// Elevation (cosine) from which bins are predicted valid; `None`: all are.
     pub horizon: Option<f64>,
-    /// Whether records tell which measured entries are exactly zero.
+    /// Whether records store which measured entries are exactly zero.
     pub zeros: bool,
     /// Multiples of this are added to the log values of single entries; `None`: there are no corrections.
     pub correction: Option<f32>,
@@ -104,7 +104,7 @@ pub(crate) fn read_grid(mut r: ByteReader) -> Result<Grid> {
     Ok(grid)
 }
 
-/// The draft tells what there may be.
+/// The draft decides what there may be.
 pub(crate) fn read_coding(mut r: ByteReader, channels: usize, draft: u16) -> Result<Coding> {
     let compact = is_compact(draft);
     // Basis: 0 DCT-II, 1 DFT.
@@ -127,7 +127,7 @@ pub(crate) fn read_coding(mut r: ByteReader, channels: usize, draft: u16) -> Res
     let shrink = [r.u8()? as i8, r.u8()? as i8];
     // Horizon: 0 none, 1 threshold follows at its place.
     let has_horizon = r.u8()?;
-    // Exact zeros: 0 none, 1 told by the records; reserved before draft 3.
+    // Exact zeros: 0 none, 1 stored by the records; reserved before draft 3.
     let zeros = match r.u8()? {
         0 => false,
         1 if compact => true,

@@ -93,7 +93,7 @@ impl Chain {
         Chain { components, previous, positions: 1, residuals: vec![0; components] }
     }
 
-    /// Codes the entry of the next block, of so many positions; a decoder overwrites what it is given.
+    /// Codes the entry of the next block, of `positions` positions; a decoder overwrites what it is given.
     fn code<C: Coder>(&mut self, coder: &mut C, positions: usize, entry: &mut Entry) {
         entry.length = self.code_length(coder, entry.length);
         self.code_rest(coder, positions, entry);
@@ -134,7 +134,7 @@ impl Chain {
 }
 
 impl Index {
-    /// An index of no block yet, with room for so many, within bounds: a file may claim any number.
+    /// An index of no block yet, with room for `blocks`, within bounds: a file may claim any number.
     fn with_room(blocks: usize, start: usize, components: usize) -> Index {
         let room = blocks.min(1 << 12);
         let (rms, max) = (Vec::with_capacity(room), Vec::with_capacity(room));
@@ -143,7 +143,7 @@ impl Index {
         Index { offsets, rms, max, means: Vec::with_capacity(room * components.min(16)), components }
     }
 
-    /// An index of no block yet, with room for so many: they were compared with the bytes of their records.
+    /// An index of no block yet, with room for `blocks`: they were compared with the bytes of their records.
     fn with_all_room(blocks: usize, start: usize, components: usize) -> Result<Index> {
         let mut offsets = with_room(blocks + 1)?;
         offsets.push(start);
@@ -455,7 +455,7 @@ mod tests {
         assert!(read(&bytes, 3, 1306).is_err());
         assert!(read(&bytes, 3, 1308).is_err());
         for cut in 0..bytes.len() {
-            // Missing bytes are read as zeros, so the last entries may change; the section's checksum tells.
+            // Missing bytes are read as zeros, so the last entries may change; the section's checksum shows it.
             assert!(read(&bytes[..cut], 3, 1307).ok() != Some(index.clone()), "{cut}");
         }
         assert!(read(&[&bytes[..], &[0; 8]].concat(), 3, 1307).is_err());

@@ -44,9 +44,9 @@ fn code_of(rank: i32) -> Option<u8> {
 fn code_entries<C: Coder>(coder: &mut C, codes: &mut [Option<u8>]) -> Option<()> {
     let (mut before, mut last) = (0, 0);
     for code in codes {
-        let told = coder.bit(before, code.is_some());
-        before = before << 1 & 2 | usize::from(told);
-        if !told {
+        let stored = coder.bit(before, code.is_some());
+        before = before << 1 & 2 | usize::from(stored);
+        if !stored {
             continue;
         }
         let change = code.map_or(0, rank) - last;

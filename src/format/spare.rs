@@ -68,7 +68,7 @@ fn seal(head: &mut [u8]) -> Option<()> {
     Some(())
 }
 
-/// Bytes of the section in a file of so many bytes before RECS.
+/// Bytes of the section in a file with `head` bytes before RECS.
 pub(crate) const fn length(head: usize) -> usize {
     head + TRAILER
 }

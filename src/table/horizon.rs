@@ -142,7 +142,7 @@ pub(crate) fn fit_threshold(horizon: &Horizon, shape: [usize; 4], valid: &[bool]
 }
 
 /// The threshold for the mask of a sparse measurement: the elevation that all but a thousandth of the valid entries
-/// reach. There the fewest errors are had by predicting nothing, which tells possible bins not from impossible ones.
+/// reach. There the fewest errors are had by predicting nothing, which does not keep possible bins apart from impossible ones.
 #[cfg(feature = "encode")]
 pub(crate) fn lowest_elevation(horizon: &Horizon, shape: [usize; 4], valid: &[bool]) -> Option<f64> {
     use crate::table::block::positions;

@@ -59,7 +59,7 @@ fn channels(count: usize) -> Vec<Channel> {
     (0..count).map(spectral).collect()
 }
 
-/// A grid of these lengths with so many channels: red, green and blue in MERL's units if they are three, else wavelengths.
+/// A grid of these lengths with this many channels: red, green and blue in MERL's units if they are three, else wavelengths.
 pub fn grid(lens: &[usize], count: usize) -> csbrdf::Result<Grid> {
     Grid::new(axes(lens), channels(count))
 }

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Renders a .csbrdf file beside the table that it was made from, and tells how far the pictures are apart.
+"""Renders a .csbrdf file beside the table that it was made from, and says how far the pictures are apart.
 
     render.py chrome.csbrdf chrome.binary --out pictures
     render.py chrome.csbrdf chrome.binary --second paint.csbrdf paint.binary --out pictures

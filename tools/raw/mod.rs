@@ -6,7 +6,7 @@ use csbrdf::codec::sample::SplitMix64;
 use csbrdf::table::coords::{Lookup, taps};
 use csbrdf::{Grid, Parameterization};
 
-/// Random directions over the hemisphere, of light and of sensor, for so many look-ups.
+/// Random directions over the hemisphere, of light and of sensor, for `count` look-ups.
 pub fn directions(count: usize, random: &mut SplitMix64) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
     let mut direction = || {
         let mut uniform = || (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
@@ -30,7 +30,7 @@ pub fn look_up((grid, map): (&Grid, &Parameterization), table: &[f32], wi: [f64;
     }
 }
 
-/// A file of a MERL table's form: twelve bytes of header, then so many values in double precision.
+/// A file of a MERL table's form: twelve bytes of header, then its values in double precision.
 pub fn write(path: &Path, values: usize) -> std::io::Result<()> {
     std::fs::write(path, vec![0x3F; 12 + 8 * values])
 }

@@ -3,9 +3,9 @@
 /// What a field holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// A whole number of so many bytes.
+    /// A whole number of this many bytes.
     Whole(usize),
-    /// Binary32 or binary64: so many bytes.
+    /// Binary32 or binary64: this many bytes.
     Real(usize),
     /// Coded bytes or text.
     Bytes(usize),
@@ -52,7 +52,7 @@ impl Fields {
     }
 }
 
-/// The fields of a section of a file with so many axes, channels and blocks.
+/// The fields of a section of a file with these numbers of axes, channels and blocks.
 pub fn fields(id: &[u8], bytes: &[u8], axes: usize, channels: usize, blocks: usize) -> Vec<Field> {
     use Kind::{Bytes, Real, Whole};
     let mut list = Fields { length: bytes.len(), at: 0, found: Vec::new() };

@@ -249,7 +249,7 @@ fn exact_parts(bytes: &[u8], channels: usize, blocks: usize) -> Vec<Vec<u8>> {
     (0..blocks).map(&mut part).collect()
 }
 
-/// Changes what stands between so many bytes and the checksum.
+/// Changes what stands between the first bytes and the checksum.
 fn inside(bytes: &mut Vec<u8>, head: usize, change: impl FnOnce(&mut Vec<u8>)) {
     let end = bytes.len().saturating_sub(4).max(head.min(bytes.len()));
     let (mut inner, tail) = (bytes[head.min(end)..end].to_vec(), bytes[end..].to_vec());

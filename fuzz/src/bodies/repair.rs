@@ -14,7 +14,7 @@ use csbrdf::edit::salvage::{Damage, Outcome, Salvaged, repair, salvage_with_limi
 use csbrdf::format::metadata::Metadata;
 
 use super::golden::GOLDEN;
-use super::salvage::told;
+use super::salvage::check_report;
 use super::same_bits;
 
 const LIMITS: Limits =
@@ -98,7 +98,7 @@ fn check(original: &Original, bad: &[u8]) {
             return assert!(repair(bad, LIMITS).is_err(), "repair has what salvage has not");
         }
     };
-    told(&salvaged);
+    check_report(&salvaged);
     assert_eq!(good == bad, salvaged.damage().is_empty(), "damage is reported if there is any");
     kept(original, salvaged.reader(), salvaged.lost(), "salvage");
     described(original, &salvaged);

@@ -1,5 +1,5 @@
 //! A damaged file: the head gives the damage, done to the file that follows after its checksums were put right. What is left of it agrees
-//! with what is told of it.
+//! with what is said of it.
 
 #[cfg(feature = "cli")]
 use csbrdf::decode::Reader;
@@ -19,7 +19,7 @@ pub fn run(data: &[u8]) {
         Ok(salvaged) => salvaged,
         Err(e) => return assert!(!e.to_string().is_empty()),
     };
-    told(&salvaged);
+    check_report(&salvaged);
     left(&salvaged);
     #[cfg(feature = "cli")]
     repaired(&file, &salvaged);
@@ -53,7 +53,7 @@ fn damage(head: &[u8; HEAD], file: &mut Vec<u8>) {
 }
 
 /// Numbers that belong together.
-pub(super) fn told(salvaged: &Salvaged) {
+pub(super) fn check_report(salvaged: &Salvaged) {
     let (reader, lost) = (salvaged.reader(), salvaged.lost());
     assert!(lost.is_sorted_by(|a, b| a < b) && lost.last().is_none_or(|last| *last < reader.block_count()));
     assert!(lost.iter().all(|block| salvaged.place(*block).is_some()));

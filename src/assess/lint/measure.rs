@@ -12,7 +12,7 @@ const LAST_STEEP: f64 = 60.0;
 /// Azimuths of wi where the material is not isotropic.
 pub(super) const AZIMUTHS: usize = 6;
 
-/// Half vectors of an albedo's quadrature along theta_h and phi_h; the error is told by half as many.
+/// Half vectors of an albedo's quadrature along theta_h and phi_h; the error is estimated with half as many.
 const HALF_VECTORS: [usize; 2] = [192, 64];
 
 /// Pairs of directions of a comparison, and the elevation that they stay below, degrees.

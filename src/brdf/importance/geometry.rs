@@ -5,7 +5,7 @@
 //! theta_i + 2 theta_h < pi/2, for none once 2 theta_h > pi/2 + theta_i, and between them for phi_h within
 //! acos(-cot(theta_i) cot(2 theta_h)) of zero.
 //!
-//! Elevations of half vectors are told by `t = 1 - cos(theta_h)`, in which solid angle is even.
+//! Elevations of half vectors are measured by `t = 1 - cos(theta_h)`, in which solid angle is even.
 
 use std::f64::consts::PI;
 

@@ -14,7 +14,7 @@ use crate::table::parameterization::Parameterization;
 /// Parts of phi_d, folded to a quarter turn: an isotropic, reciprocal material repeats in the other three.
 const SECTORS: usize = 4;
 
-/// Most bins of an elevation; longer axes are summed to so many. Three times the rings that the means are for.
+/// Most bins of an elevation; longer axes are summed to this many. Three times the rings that the means are for.
 const MAX_BINS: usize = 256;
 
 /// Operations of adding a value up.

@@ -27,14 +27,14 @@ impl Coefficients {
         self.steps = 0;
     }
 
-    /// None, and room for as many as so many bytes hold.
+    /// None, and room for as many as a number of bytes holds.
     pub(super) fn begin(&mut self, bytes: u64) {
         self.clear();
         self.most = usize::try_from(bytes / ENTRY as u64).unwrap_or(usize::MAX);
         self.refused = None;
     }
 
-    /// Room for so many more. How many there are is known when they are decoded only.
+    /// Room for `more`. How many there are is known when they are decoded only.
     #[inline(always)]
     pub(super) fn make_room(&mut self, more: usize) -> Result<(), OutOfRange> {
         self.count_steps(more);
@@ -97,7 +97,7 @@ impl Coefficients {
         self.ends.get(channel).map_or(&[], |&end| &self.entries[start..end])
     }
 
-    /// Those of planes of so many positions, `[channel][position]`.
+    /// Those of planes of `positions` positions, `[channel][position]`.
     #[cfg(feature = "encode")]
     pub(crate) fn of_planes(planes: &[i32], positions: usize) -> Coefficients {
         let mut coefficients = Coefficients { most: usize::MAX, ..Coefficients::default() };

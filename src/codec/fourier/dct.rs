@@ -79,7 +79,7 @@ pub(super) fn constant(axes: [&AxisTable; 4], mean: f32) -> f32 {
     along.fold(mean, |value, table| (0.0 + value * table.cos[0]) + 0.0)
 }
 
-/// So many values, whatever stands in them.
+/// A buffer of `length` values, whatever stands in them.
 #[inline(always)]
 fn room(buffer: &mut Vec<f32>, length: usize) -> &mut [f32] {
     if buffer.len() < length {
@@ -130,7 +130,7 @@ fn row_sums<const W: usize>(table: &AxisTable, terms: &[Term], start: usize, at:
         let k = position as usize - start;
         // Tables go on for as many; what comes of that is not used.
         let cos = &table.cos[k * half + at..][..W];
-        // A zero to the other sum, which does not change: nobody could tell which of the two comes next.
+        // A zero to the other sum, which does not change: which of the two comes next is not predictable.
         let (to_even, to_odd) = if k & 1 == 0 { (value, 0.0) } else { (0.0, value) };
         for w in 0..W {
             even[w] += to_even * cos[w];
@@ -156,7 +156,7 @@ fn row_sums<const W: usize>(table: &AxisTable, terms: &[Term], start: usize, at:
 struct Used([Vec<(usize, usize)>; 2]);
 
 impl Used {
-    /// Of the lines of a range, by the numbers of those in use from the first of them on; tells how many that are.
+    /// Of the lines of a range, by the numbers of those in use from the first of them on; gives how many these are.
     #[inline(always)]
     fn find(&mut self, range: Range<usize>, inner: usize, used: &[u32]) -> usize {
         self.0.iter_mut().for_each(Vec::clear);

@@ -1,7 +1,7 @@
 //! Adding a grazing profile to the components of a block.
 //!
 //! Of MERL's bins 37 % are near enough to a horizon to have a profile that ends at .15, three in five of them with one direction
-//! below it and the other above the profile, or both below: there it is the same along the row, which bounds on the elevations tell
+//! below it and the other above the profile, or both below: there it is the same along the row, which bounds on the elevations show
 //! without a root, for the whole row or for steps of it. Steps that are alike go together.
 
 use super::{LANES, Lanes, Profile, Row, STEP, place};
@@ -51,7 +51,7 @@ impl Task for Add<'_> {
             for (group, planes) in values.chunks_mut(LANES * n).enumerate() {
                 let place = (i * nd + j) * np;
                 let mut planes = planes.chunks_exact_mut(n).map(|plane| &mut plane[place..place + np]);
-                profile.tell(group, h, d, if changes { profile.knots - 1 } else { 1 }, &mut sides);
+                profile.mix(group, h, d, if changes { profile.knots - 1 } else { 1 }, &mut sides);
                 if !changes {
                     add_constant(zones, &sides, planes);
                     continue;
@@ -95,7 +95,7 @@ pub(super) fn add_to_rows(profile: &Profile, block: &Block, values: &mut [f32]) 
             return false;
         }
         for (group, planes) in values.chunks_mut(LANES * nh * nd).enumerate() {
-            profile.tell(group, h, d, 1, &mut sides);
+            profile.mix(group, h, d, 1, &mut sides);
             let place = i * nd + j;
             add_constant(zones, &sides, planes.chunks_exact_mut(nh * nd).map(|plane| &mut plane[place..][..1]));
         }
@@ -141,7 +141,7 @@ impl Profile {
 
     /// Profiles of a few components over the elevation of light and of sensor at a bin of theta_h and theta_d, at the first knots.
     #[inline(always)]
-    fn tell(&self, group: usize, h: usize, d: usize, knots: usize, sides: &mut [Side; 2]) {
+    fn mix(&self, group: usize, h: usize, d: usize, knots: usize, sides: &mut [Side; 2]) {
         let k = self.knots;
         let of_bin = |table: usize, bins: usize, bin: usize| {
             // Flat, so that it vectorises whatever the lanes are.
@@ -171,7 +171,7 @@ struct Run {
 }
 
 impl Run {
-    /// The profile at so many positions, whole steps, from one on. One thing after the other for all: like this the compiler finds the
+    /// The profile at some positions, whole steps, from one on. One thing after the other for all: like this the compiler finds the
     /// vectors.
     #[inline(always)]
     fn fill(&mut self, profile: &Profile, row: Row, at: usize, length: usize, zones: [Zone; 2], sides: &[Side; 2]) {

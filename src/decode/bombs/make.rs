@@ -138,7 +138,7 @@ impl Bomb {
             MaskModel::new(None, None).code(&mut coder, MASKS, &block, &mut masks);
         }
         if self.zeros {
-            // All but one of each channel: told one by one.
+            // All but one of each channel: stored one by one.
             let mut zeros: Vec<bool> =
                 (0..n * self.channels).map(|i| masks[i % masks.len()] && i % n + 1 < n).collect();
             code_zeros(&mut coder, ZEROS, shape, self.channels, || &masks, &mut zeros).unwrap();

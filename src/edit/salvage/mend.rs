@@ -1,4 +1,4 @@
-//! Small damage undone by a checksum alone: where four neighbouring bytes at most are wrong, the CRC-32 tells what they were for every
+//! Small damage undone by a checksum alone: where four neighbouring bytes at most are wrong, the CRC-32 shows what they were for every
 //! place that they could be at.
 
 /// The reflected polynomial of CRC-32 (spec section 3.1).
@@ -45,7 +45,7 @@ impl Patch {
 /// The register before eight zero bits went through it.
 fn undo_zero_byte(mut register: u32) -> u32 {
     for _ in 0..8 {
-        // The bit that went out was set if the polynomial came in, which its highest bit tells.
+        // The bit that went out was set if the polynomial came in, which its highest bit shows.
         register = if register >> 31 == 1 { (register ^ POLYNOMIAL) << 1 | 1 } else { register << 1 };
     }
     register

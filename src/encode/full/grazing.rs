@@ -40,7 +40,7 @@ const LANES: usize = 4;
 /// A value of each of these.
 type Lanes = [f32; LANES];
 
-/// Fewer differences than this tell no profile.
+/// Fewer differences than this determine no profile.
 const LEAST_PAIRS: usize = 2000;
 
 fn plus(a: Lanes, b: Lanes) -> Lanes {
@@ -301,6 +301,7 @@ type AddPlane<'a> = &'a (dyn Fn(usize, &mut Tables, &mut [Vec<Lanes>; 2]) + Sync
 
 /// A round of reweighting and conjugate gradient steps; differences weigh the same if they are not `robust`.
 fn refine(x: &mut Tables, planes: &[&Plane], bins: [usize; 2], components: &[&[f32]], robust: bool, steps: usize) {
+    // Long on purpose: conjugate gradients in lanes of single precision with a fixed number of steps, written out so that sums keep their order.
     const GROUPS: usize = 4;
     // Planes are grouped in a fixed way, so that sums do not depend on the number of threads.
     let over = |add: AddPlane| {

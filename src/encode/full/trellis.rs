@@ -25,10 +25,10 @@ pub(in crate::encode) const STEP: f32 = 0.65;
 /// Squared error that a bit buys, in squared steps of the multiples.
 const EXCHANGE: f32 = 0.3;
 
-/// One block of so many trains the costs.
+/// Every fourth block trains the costs.
 const TRAINING: usize = 4;
 
-/// Rows without a coefficient of so many steps stay zero: coding one would cost more than its square.
+/// Rows without a coefficient of this many steps stay zero: coding one would cost more than its square.
 const LEAST: f32 = 0.8;
 
 /// A block's coefficients `[component][position]`; none where nothing is known of it.
@@ -103,8 +103,9 @@ fn count<T: Sync>(blocks: &[T], code: impl Fn(&mut Walk, &mut Counter, &T) + Syn
     )
 }
 
-/// Chooses the integers of a block; those given tell the extents.
+/// Chooses the integers of a block; those given set the extents.
 fn choose(walk: &mut Walk, counter: &mut Counter, block: &Filled, chosen: &mut [i32], costs: &Costs, step: f32) {
+    // Long on purpose: one pass of the Viterbi algorithm along a block's rows.
     if block.coefficients.is_empty() {
         return;
     }

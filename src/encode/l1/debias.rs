@@ -46,6 +46,8 @@ pub fn debias<O: Operator + ?Sized>(
     coefficients: &[f64],
     options: &Options,
 ) -> Result<Solution> {
+    // Long on purpose: conjugate gradients over supports that shrink; each step uses what the one before left. They are CGLS on residuals,
+    // not the normal equations of the trend nor the fixed steps in single precision of the grazing profile.
     let begin = Instant::now();
     if y.len() != op.rows() || norm.cols() != op.cols() || coefficients.len() != norm.cols() {
         return invalid(format!(

@@ -88,6 +88,7 @@ pub(super) fn bpdn<O: Operator + ?Sized>(
     options: &Options,
     start: Option<(&[f64], f64)>,
 ) -> Outcome {
+    // Long on purpose: one loop of the method, whose steps share the bounds, the best point and the working set.
     let Search { state, best } = search;
     let mut best = Best::new(best);
     let mut descent = Descent::new(op, groups, y, state);
@@ -213,6 +214,7 @@ pub(super) fn lasso<O: Operator + ?Sized>(
     groups: &Groups,
     options: &Options,
 ) -> Outcome {
+    // As `bpdn`, for one tau.
     let Search { state, best } = search;
     let mut best = Best::new(best);
     let mut descent = Descent::new(op, groups, y, state);

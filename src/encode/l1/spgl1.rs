@@ -168,7 +168,7 @@ impl Solver {
         let tolerance = tolerance.max(PRECISION);
         self.start.clear();
         self.start.extend(start.unwrap_or_default().iter().map(|v| v / problem.length));
-        // A start that overflows in units of the data tells nothing about them.
+        // A start that overflows in units of the data says nothing about them.
         let start = (start.is_some() && max_abs(&self.start) < TAU_LIMIT)
             .then(|| (self.start.as_slice(), norm.primal(&self.start)));
         let groups = norm.packing();

@@ -70,6 +70,7 @@ impl Splitting {
         groups: &Groups,
         most: usize,
     ) -> Option<Outcome> {
+        // Long on purpose: one loop of the method over its four vectors.
         for v in [&mut self.z, &mut self.c, &mut self.u, &mut self.best] {
             v.clear();
             v.resize(groups.len(), 0.0);

@@ -59,7 +59,7 @@ pub(in crate::encode) struct Model {
 /// Entries and weights that positions are interpolated from, [`TAPS`] each.
 pub(in crate::encode) struct Design {
     taps: Vec<(u32, f32)>,
-    /// One of so many samples is used.
+    /// Every n-th sample is used.
     stride: usize,
     positions: usize,
 }

@@ -123,7 +123,7 @@ impl<'t, 'a, T> Target<'t, 'a, T> {
         Some([red, green, blue].map(|runs| &mut runs[run][at..at + self.length]))
     }
 
-    /// Puts each value into so many places after each other.
+    /// Puts each value into `places` places after each other.
     pub(crate) fn fill<V: Copy>(self, values: &[V], places: usize)
     where
         T: Place<V>,

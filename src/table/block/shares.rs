@@ -16,7 +16,7 @@ pub(crate) struct Shares<'p> {
     partition: &'p Partition,
     /// Runs are pieces of this axis, with all of those behind.
     depth: usize,
-    /// In order of their tiles, each of so many.
+    /// In order of their tiles, a fixed number in each.
     cells: Vec<Cell>,
     tiles: usize,
     /// Number of the first share of each cell, then the number of shares.
@@ -36,7 +36,7 @@ struct Cell {
 }
 
 impl Shares<'_> {
-    /// As few as there are from `least` on, or the most that there are, if their runs in so many planes do not take more memory than they
+    /// As few as there are from `least` on, or the most that there are, if their runs in all planes do not take more memory than they
     /// may.
     pub(crate) fn new(partition: &Partition, planes: usize, least: usize) -> Shares<'_> {
         let (mut best, mut most) = (None, 1);
@@ -132,7 +132,7 @@ impl Shares<'_> {
         let along = if self.cells.len() == 1 { 1 } else { partition.tiles[depth] };
         let mut before = [1; 4];
         before[..depth].copy_from_slice(&grid[..depth]);
-        let mut told = 0;
+        let mut covered = 0;
         for (number, mut line) in planes.chunks_exact_mut(grid[depth] * behind).enumerate() {
             // Where the line is along the axes before, and the first of the cells that it meets.
             let at = unravel(number % before.iter().product::<usize>(), before);
@@ -145,14 +145,14 @@ impl Shares<'_> {
                 });
                 let shares = &mut memory[self.first[number] + share * cell.counts[depth]..];
                 for (memory, run) in shares.iter_mut().zip(of_cell.chunks_mut(cell.shape[depth] * behind)) {
-                    told += run.len();
+                    covered += run.len();
                     memory.runs.push(run);
                 }
                 line = rest;
             }
         }
         // Runs are disjoint, so that as many places as there are means all of them. Who hands in memory without values relies on it.
-        assert_eq!(told, all, "shares cover whole planes of the grid");
+        assert_eq!(covered, all, "shares cover whole planes of the grid");
         memory
     }
 }

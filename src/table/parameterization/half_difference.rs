@@ -118,7 +118,7 @@ impl Angles for HalfDifference {
         self.find(AxisName::PhiH).is_none()
     }
 
-    /// Exchanging the directions, theta_h and theta_d stay and phi_d turns by pi: the grid must not tell these apart.
+    /// Exchanging the directions, theta_h and theta_d stay and phi_d turns by pi: the grid must not keep these apart.
     fn folds_by_reciprocity(&self) -> bool {
         self.phi_d().map(|axis| self.axes[axis]).is_none_or(|axis| closes(&axis) && axis.end - axis.start < 1.5 * PI)
     }

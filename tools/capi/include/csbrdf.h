@@ -171,7 +171,7 @@ typedef struct csbrdf_importance csbrdf_importance;
  */
 typedef struct {
     /**
-     * sizeof(csbrdf_options). Tells the library which fields the program knows; later versions append some.
+     * sizeof(csbrdf_options). It says which fields the program knows; later versions append some.
      */
     size_t size;
     /**

@@ -71,7 +71,7 @@ pub enum csbrdf_status {
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct csbrdf_options {
-    /// sizeof(csbrdf_options). Tells the library which fields the program knows; later versions append some.
+    /// sizeof(csbrdf_options). It says which fields the program knows; later versions append some.
     pub size: usize,
     /// Most bytes of decoded blocks that the handle keeps for csbrdf_eval(). Default 64 MiB; one block is kept
     /// whatever it takes.
@@ -172,11 +172,11 @@ unsafe fn read_options(options: *const csbrdf_options) -> Outcome<csbrdf_options
     if !(LEAST_OPTIONS..=MAX_OPTIONS).contains(&size) {
         return Err(invalid(format!("options.size is {size}; set it to sizeof(csbrdf_options), here {known}")));
     }
-    let told = size.min(known);
+    let given = size.min(known);
     // SAFETY: `size` bytes are there: those of the fields that both sides know, which any bits are values of, and those behind.
     let unknown = unsafe {
-        ptr::copy_nonoverlapping(options.cast::<u8>(), (&raw mut read).cast::<u8>(), told);
-        array(options.cast::<u8>().add(told), size - told, "options")?
+        ptr::copy_nonoverlapping(options.cast::<u8>(), (&raw mut read).cast::<u8>(), given);
+        array(options.cast::<u8>().add(given), size - given, "options")?
     };
     if unknown.iter().any(|byte| *byte != 0) {
         return Err(invalid("options has a field set that this version of the library does not know"));

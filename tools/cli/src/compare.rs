@@ -53,7 +53,7 @@ pub fn run(args: &CompareArgs, quiet: bool) -> Outcome {
         });
         if let Some(target) = &png {
             Picture::comparison(&images[0], &images[1]).map_err(mismatch)?.write(target, &guard)?;
-            target.tell(None, quiet);
+            target.announce(None, quiet);
         }
     }
     print(&if args.json {

@@ -36,7 +36,7 @@ pub fn run(args: &DecodeArgs, quiet: bool) -> Outcome {
         target.check(&guard)?;
     }
     write(&reader, args, format, &target, &guard)?;
-    target.tell(Some(&args.input), quiet);
+    target.announce(Some(&args.input), quiet);
     Ok(())
 }
 

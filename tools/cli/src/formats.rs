@@ -26,7 +26,7 @@ pub const READ_LIMIT: u64 = 1 << 28;
 pub enum Kind {
     /// A csbrdf file.
     Csbrdf,
-    /// What may be left of one, or the file of a set that is told by its hash: the first bytes need not be right.
+    /// What may be left of one, or the file of a set that is known by its hash: the first bytes need not be right.
     Damaged,
     /// A table in an outside format, of those that `csbrdf::io` knows.
     Merl,

@@ -55,7 +55,7 @@ pub fn open(path: &Path) -> Result<Reader, Failure> {
     reader(read(path, &[Kind::Csbrdf])?).map_err(|e| Failure::in_file(path, &e))
 }
 
-/// Says of a file that was written that others read it only if they are told to.
+/// Says of a file that was written that others read it only with --limit.
 pub fn note_needed_limit(file: impl std::fmt::Display, values: usize) {
     if values > Limits::default().table_values {
         let most = Limits::default().table_values;
@@ -68,7 +68,7 @@ pub fn pruned(coarse: bool) -> PrunedPolicy {
     if coarse { PrunedPolicy::Coarse } else { PrunedPolicy::Refuse }
 }
 
-/// The table in a file of either format, told apart by its first bytes; what the metadata of a csbrdf file name as its source is
+/// The table in a file of either format, known by its first bytes; what the metadata of a csbrdf file name as its source is
 /// guarded.
 pub fn table(path: &Path, guard: &mut Guard) -> Result<Table, Failure> {
     let bytes = read(path, TABLE)?;

@@ -91,7 +91,7 @@ impl Target {
     }
 
     /// Says which file was written, and from what, unless all is to be quiet; whoever named standard output knows.
-    pub fn tell(&self, from: Option<&Path>, quiet: bool) {
+    pub fn announce(&self, from: Option<&Path>, quiet: bool) {
         match from {
             _ if quiet || *self == Target::Stdout => {}
             Some(from) => note(&format!("{} -> {self}", label(from))),

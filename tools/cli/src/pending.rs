@@ -85,7 +85,7 @@ mod nameless {
 
     use super::*;
 
-    /// `None` if the file system cannot, or anything else is amiss: a named file is tried then, and its error is the one to tell.
+    /// `None` if the file system cannot, or anything else is amiss: a named file is tried then, and its error is the one to report.
     pub fn open(folder: &Path) -> Option<File> {
         let flags = OFlags::TMPFILE.bits() as i32;
         File::options().read(true).write(true).custom_flags(flags).mode(0o666).open(folder).ok()

@@ -48,7 +48,7 @@ pub fn run(args: &PlanArgs, quiet: bool) -> Outcome {
     Ok(())
 }
 
-/// MERL's grid with so many bins of phi_d.
+/// MERL's grid with a number of bins of phi_d.
 pub fn merl(phi_d: &str) -> Grid {
     if phi_d == "360" { Grid::merl_360() } else { Grid::merl() }
 }

@@ -119,7 +119,7 @@ fn read_trace(path: &Path) -> Result<Touched, Failure> {
 pub fn write_trace(path: &Path, touched: &Touched, guard: &Guard, quiet: bool) -> Outcome {
     let target = Target::File(PathBuf::from(path));
     target.write(guard, |out| Ok(out.write_all(touched.to_text().as_bytes())?))?;
-    target.tell(None, quiet);
+    target.announce(None, quiet);
     Ok(())
 }
 

@@ -29,7 +29,7 @@ pub fn decode(args: &DecodeArgs, format: FormatArg, target: &Target, guard: Guar
     }
     list(&args.input, &salvaged, quiet);
     verdict(&args.input, &salvaged, target)?;
-    target.tell(Some(&args.input), quiet);
+    target.announce(Some(&args.input), quiet);
     Ok(())
 }
 

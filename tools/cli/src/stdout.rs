@@ -32,7 +32,7 @@ mod closed {
 
 #[cfg(not(unix))]
 mod closed {
-    /// Not told from one that is discarded.
+    /// The same as one that is discarded.
     pub fn is_closed() -> bool {
         false
     }

@@ -113,7 +113,7 @@ fn examine(plan: &Plan, material: &Material, progress: &Progress, figures: &mut 
             if let (Some(role), true) = (plan.role(material), ratio == plan.focus) {
                 figures.scene.enter(role, preset, texels);
             }
-            progress.tell(&format!("{}: {trial}", material.name));
+            progress.line(&format!("{}: {trial}", material.name));
             trials.push(trial);
         }
         if let Some(shot) = shot {

@@ -26,6 +26,6 @@ pub fn run(args: &SynthArgs, quiet: bool) -> Outcome {
     let grid = if args.phi_d == "360" { Grid::merl_360() } else { Grid::merl() };
     let table = recipe.synthesise(&grid).map_err(|e| Failure::in_arguments(&e))?;
     target.write(&guard, |out| write_merl(&table, false, out))?;
-    target.tell(None, quiet);
+    target.announce(None, quiet);
     Ok(())
 }

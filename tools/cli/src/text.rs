@@ -7,7 +7,7 @@ use unicode_properties::{GeneralCategory, UnicodeGeneralCategory};
 /// and letters that are blank.
 pub fn is_hidden(c: char) -> bool {
     use GeneralCategory::{Control, Format, LineSeparator, ParagraphSeparator};
-    // Those of ASCII are told without the table.
+    // Those of ASCII need no table.
     match c {
         ' '..='~' => false,
         // Fillers and vowels without a shape, the joiner of graphemes, the Mongolian separators, the blank of Braille.
@@ -47,7 +47,7 @@ pub fn grouped(n: usize) -> String {
     out
 }
 
-/// Nine significant digits, enough to tell any two single-precision numbers apart; `%g` of C.
+/// Nine significant digits, enough to distinguish any two single-precision numbers; `%g` of C.
 pub fn nine_digits(x: f32) -> String {
     let exponent = if x == 0.0 || !x.is_finite() { 0 } else { f64::from(x).abs().log10().floor() as i32 };
     if (-5..9).contains(&exponent) {

@@ -10,7 +10,7 @@ use crate::path::{folder_of, is_dash, label};
 use crate::sets::check;
 use crate::sets::manifest::Manifest;
 use crate::sets::unfinished::is_in;
-use file::{Original, Tell, verify};
+use file::{Original, Results, verify};
 
 pub fn run(args: &VerifyArgs, quiet: bool) -> Outcome {
     if args.against.is_some() && args.files.len() > 1 {
@@ -19,25 +19,25 @@ pub fn run(args: &VerifyArgs, quiet: bool) -> Outcome {
     if args.against.as_deref().is_some_and(is_dash) {
         return Err(Failure::usage("--against takes the file of the original, not standard input"));
     }
-    let mut tell = Tell { quiet, first_failure: None };
+    let mut results = Results { quiet, first_failure: None };
     for file in &args.files {
         match input::read(file, &[Kind::Csbrdf, Kind::Manifest]) {
             Ok(bytes) if Manifest::is_likely(bytes.as_ref()) => {
-                let result = check::run(file, bytes.as_ref(), args.against.as_deref(), &mut tell);
-                tell.result(String::new(), result)?;
+                let result = check::run(file, bytes.as_ref(), args.against.as_deref(), &mut results);
+                results.result(String::new(), result)?;
             }
             Ok(bytes) => {
                 let original = args.against.as_deref().map(|table| Original { table, sha256: None });
                 let (text, result) = verify(file, bytes, original.as_ref());
-                tell.result(text, result)?;
+                results.result(text, result)?;
             }
             Err(_) if !file.exists() && is_in(folder_of(file)) => {
                 let what =
                     "is not there yet: the set is not finished; run its csbrdf encode again, which keeps what is";
-                tell.result(String::new(), Err(Failure::operation(format!("{}: {what}", label(file)))))?;
+                results.result(String::new(), Err(Failure::operation(format!("{}: {what}", label(file)))))?;
             }
-            Err(failure) => tell.result(String::new(), Err(failure))?,
+            Err(failure) => results.result(String::new(), Err(failure))?,
         }
     }
-    tell.first_failure.map_or(Ok(()), Err)
+    results.first_failure.map_or(Ok(()), Err)
 }

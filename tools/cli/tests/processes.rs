@@ -210,11 +210,11 @@ fn a_device_that_is_full_is_told() {
     }
     let folder = folder();
     let full = ["No space left", "free some space"].map(str::to_lowercase);
-    let told = [full[0].as_str(), &full[1], "/dev/full"];
+    let named = [full[0].as_str(), &full[1], "/dev/full"];
     for args in
         [&["decode", "t.csbrdf", "--format", "binary", "-o", "/dev/full"][..], &[&PRUNE[..5], &["/dev/full"]].concat()]
     {
-        fails(run(folder.path(), args), OPERATION, &told);
+        fails(run(folder.path(), args), OPERATION, &named);
     }
     for command in
         ["info t.csbrdf", "decode t.csbrdf -o -", "verify t.csbrdf", "synth --list", "info --json --blocks t.csbrdf"]
@@ -430,7 +430,7 @@ fn inputs_that_shrink_or_vanish_meanwhile_are_told() {
             }
         }
     }
-    println!("{} were read before, {} were told", seen[0], seen[1]);
+    println!("{} were read before, {} were reported", seen[0], seen[1]);
 
     // A name that is taken away does not take the file away that was opened under it.
     let small = folder.path().join("small.csbrdf");

@@ -1,4 +1,4 @@
-//! Damaged files through the tool: what is left, what is told, and the exit codes.
+//! Damaged files through the tool: what is left, what is said, and the exit codes.
 
 mod common;
 

@@ -138,7 +138,7 @@ impl<'a, const N: usize, const M: usize> Pairs<'a, N, M> {
         self.walk.shape()
     }
 
-    /// The next so many pairs, copied while the GIL keeps others from changing them.
+    /// The next pairs, `count` at most, copied while the GIL keeps others from changing them.
     pub fn copy(&mut self, count: usize) -> (Vec<[f64; N]>, Vec<[f64; M]>) {
         let (left, right) = (self.left, self.right);
         self.walk.by_ref().take(count).map(|[i, o]| (left.get(i), right.get(o))).unzip()

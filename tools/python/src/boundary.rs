@@ -110,7 +110,7 @@ fn pool() -> codec::Result<Arc<ThreadPool>> {
     let name = |i| format!("csbrdf-{i}");
     let threads = ThreadPoolBuilder::new().thread_name(name).build().map_err(std::io::Error::other)?;
     let threads = Arc::new(threads);
-    // The parent's is left as it is: its threads are not here to be told to end.
+    // The parent's is left as it is: its threads are not here to be ended.
     std::mem::forget(pool.replace((process::id(), threads.clone())));
     Ok(threads)
 }

@@ -26,7 +26,7 @@ use grid::{PyAxis, PyChannel};
 use importance::PyImportance;
 use many::eval_many;
 
-/// Bytes of decoded blocks that a file keeps unless told otherwise.
+/// Bytes of decoded blocks that a file keeps by default.
 const CACHE_BYTES: usize = 64 << 20;
 
 /// Pairs of directions looked up between two looks at Ctrl-C, and most values that they may have.
@@ -230,7 +230,7 @@ impl PyBrdf {
 
     /// The whole table: float32 [channel, axes...], BRDF values in 1/sr without the cosine. MERL: [channel, theta_h,
     /// theta_d, phi_d] of shape (3, 90, 90, 180). Entries that were not measured hold what the recovery filled in;
-    /// validity() tells which.
+    /// validity() says which.
     ///
     /// With exact=True float64 in the units of the source (times channel.scale: 1/sr), bit for bit the table that the file
     /// was made from, with what marked missing entries there; only lossless files have it.

@@ -1,4 +1,4 @@
-//! Several tables: a few at a time, so that the peak of memory stays theirs, told of in the order of the inputs.
+//! Several tables: a few at a time, so that the peak of memory stays theirs, reported in the order of the inputs.
 //!
 //! An encode is parallel inside and leaves processors idle where it reads, hashes and writes; the next one fills them.
 //! Six MERL tables on two processors, shared with other work (one was had on average), best of three runs with 1, 2, 3, 4
@@ -115,7 +115,7 @@ pub fn run(job: Job, inputs: &[Input], targets: &[Target], jobs: usize, folder: 
         let complete = !left && !materials.is_empty();
         match complete {
             true => finish(set, folder, materials, &job.guard, (!quiet).then_some(start))?,
-            // Of nothing there is no manifest, and that of an earlier run still tells the truth.
+            // Of nothing there is no manifest, and that of an earlier run still holds.
             false => {
                 if left && !quiet {
                     note_unfinished(folder);

@@ -97,7 +97,7 @@ pub fn following(followed: &[Followed]) -> Vec<Plot> {
     plots
 }
 
-/// The points that a logarithmic axis can tell apart, the last included.
+/// The points that a logarithmic axis can show apart, the last included.
 fn thin(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let usable: Vec<_> = points.iter().copied().filter(|p| is_plottable(p.0) && is_plottable(p.1)).collect();
     let (Some(first), Some(last)) = (usable.first(), usable.last()) else { return Vec::new() };

@@ -1,4 +1,4 @@
-//! Colours and markers: seven colours that colour-blind eyes tell apart (Okabe, Ito 2008, without the yellow), eight
+//! Colours and markers: seven colours that colour-blind eyes distinguish (Okabe, Ito 2008, without the yellow), eight
 //! shapes of marker; 56 pairs before the first returns.
 
 use std::fmt::Write;

@@ -16,11 +16,11 @@ use crate::input::{self, Bytes, is_dash, label};
 use crate::source::{self, Source};
 use crate::text::hex;
 use crate::text::{clean, grouped};
-use crate::verify::file::{Original, Tell, verify};
+use crate::verify::file::{Original, Results, verify};
 
-/// Verifies a set; with a folder of the tables it was made from, their files against these. What is found is told file
+/// Verifies a set; with a folder of the tables it was made from, their files against these. What is found is reported file
 /// by file.
-pub fn run(path: &Path, bytes: &[u8], originals: Option<&Path>, tell: &mut Tell) -> Outcome {
+pub fn run(path: &Path, bytes: &[u8], originals: Option<&Path>, results: &mut Results) -> Outcome {
     if is_dash(path) {
         return Err(Failure::usage(
             "a manifest is checked against the folder that it is in; name it, not standard input",
@@ -39,7 +39,7 @@ pub fn run(path: &Path, bytes: &[u8], originals: Option<&Path>, tell: &mut Tell)
     for material in &manifest.materials {
         let (text, result) = file(folder, &manifest, material, originals);
         failed += usize::from(result.is_err());
-        tell.result(text, result)?;
+        results.result(text, result)?;
     }
     let extra = extra(folder, &manifest)?;
     for name in &extra {
@@ -49,14 +49,14 @@ pub fn run(path: &Path, bytes: &[u8], originals: Option<&Path>, tell: &mut Tell)
             }
             false => "is not in the manifest; encode the set again with its table, or move it to another folder",
         };
-        tell.result(String::new(), Err(Failure::operation(format!("{}: {what}", folder.join(name).display()))))?;
+        results.result(String::new(), Err(Failure::operation(format!("{}: {what}", folder.join(name).display()))))?;
     }
     let (name, count) = (clean(&label(path)), manifest.materials.len());
     if failed == 0 && extra.is_empty() {
         let text = format!("{name}: ok, {count} materials, {} bytes\n", grouped(manifest.bytes() as usize));
-        return tell.result(text, Ok(()));
+        return results.result(text, Ok(()));
     }
-    if !tell.quiet {
+    if !results.quiet {
         let extra = if extra.is_empty() { String::new() } else { format!(", {} not in the manifest", extra.len()) };
         note(&format!("{name}: {failed} of {count} failed{extra}"));
     }

@@ -174,7 +174,7 @@ impl Manifest {
     }
 }
 
-/// What tells whether the rest can be read.
+/// What decides whether the rest can be read.
 #[derive(Deserialize)]
 struct Head {
     format: String,

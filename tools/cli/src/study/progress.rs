@@ -30,7 +30,7 @@ impl Progress {
     }
 
     /// A line on standard error beside the bar: what has been found so far, should the study be ended early.
-    pub fn tell(&self, line: &str) {
+    pub fn line(&self, line: &str) {
         if !self.quiet {
             self.bar.suspend(|| note(line));
         }

@@ -17,14 +17,14 @@ use crate::text::hex;
 use crate::text::{clean, decibel, error_figure, grouped};
 
 /// Reports results as they come.
-pub struct Tell {
+pub struct Results {
     /// Failures only.
     pub quiet: bool,
     /// The first failure so far.
     pub first_failure: Option<Failure>,
 }
 
-impl Tell {
+impl Results {
     /// Text to standard output unless that is to be quiet, a failure to standard error. Fails if nobody reads any more.
     pub fn result(&mut self, text: String, result: Outcome) -> Outcome {
         if !self.quiet {

@@ -98,7 +98,7 @@ fn read_row(from: &mut impl Read, row: &mut [Rgbe]) -> Result<(), Refused> {
     for component in 0..4 {
         let mut at = 0;
         while at < width {
-            // A count, then so many bytes; above 128 a run of one byte, 128 less.
+            // A count, then that many bytes; above 128 a run of one byte, 128 less.
             let [count] = bytes(from)?;
             let (length, run) = if count > 128 { (count - 128, Some(bytes::<1>(from)?[0])) } else { (count, None) };
             let end = at + usize::from(length);
