@@ -35,6 +35,14 @@ pub use self::contents::{BlockInfo, Origin};
 pub use crate::blocks::Scratch;
 
 /// An open file over bytes in memory or in a map. Shared freely between threads; decoding takes `&self`.
+///
+/// ```no_run
+/// let reader = csbrdf::Reader::open(std::fs::read("chrome.csbrdf").expect("a file"))?;
+/// let values: Vec<f32> = reader.decode_all()?; // 1/sr, [channel], then the axes, the last one fastest
+/// let mut block = vec![0.0; reader.block_values(7)?];
+/// reader.block_into(7, &mut block)?; // reads the record of block 7 alone
+/// # Ok::<(), csbrdf::Error>(())
+/// ```
 pub struct Reader<D = Bytes> {
     data: D,
     limits: Limits,

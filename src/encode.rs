@@ -13,7 +13,7 @@
 //! | finish | `finish` | metadata and sections |
 //!
 //! `job` runs them in this order. `fulfil` and `search` look for the step that keeps a contract, and prove it on the finished bytes.
-//! `l1` holds the solvers, `trace` follows them.
+//! `l1` holds the solvers, `solver_log` follows them.
 
 mod bound;
 mod code;
@@ -33,7 +33,7 @@ mod report;
 mod search;
 mod settings;
 mod sparse;
-pub mod trace;
+pub mod solver_log;
 
 use std::time::Instant;
 

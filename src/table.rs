@@ -15,6 +15,17 @@ use crate::table::grid::Grid;
 ///
 /// Layout: one plane per channel, each with the axes of the grid in order, the last axis fastest.
 /// Values are in the units of the source; times the channel's `scale` they are BRDF values in 1/sr.
+///
+/// ```
+/// use csbrdf::{Grid, Table};
+///
+/// let grid = Grid::merl().with_lengths(&[4, 4, 8])?;
+/// let mut values = vec![0.3; 3 * 4 * 4 * 8];
+/// values[5] = -1.0; // not measured
+/// let table = Table::from_values(grid, values)?;
+/// assert_eq!(table.valid_count(), 3 * 4 * 4 * 8 - 1);
+/// # Ok::<(), csbrdf::Error>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
     grid: Grid,

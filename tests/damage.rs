@@ -183,7 +183,7 @@ fn damage_in_exact_bits_costs_that_block_only() {
         if byte % 3 == 0 {
             assert!(reader.decode_all().unwrap() == plain && !reader.verify().is_empty());
         }
-        let hurt: Vec<bool> = (0..reader.block_count()).map(|block| reader.exact_block(block).is_err()).collect();
+        let hurt: Vec<bool> = (0..reader.block_count()).map(|block| reader.source_block(block).is_err()).collect();
         let count = hurt.iter().filter(|hurt| **hurt).count();
         assert_eq!(count, if byte - section.start < head { hurt.len() } else { 1 }, "byte {byte}");
         if byte % 5 != 0 {
@@ -191,7 +191,7 @@ fn damage_in_exact_bits_costs_that_block_only() {
         }
         for block in (0..hurt.len()).filter(|&block| !hurt[block]) {
             let same = |(a, b): (&f64, &f64)| a.to_bits() == b.to_bits();
-            assert!(reader.exact_block(block).unwrap().iter().zip(&intact.exact_block(block).unwrap()).all(same));
+            assert!(reader.source_block(block).unwrap().iter().zip(&intact.source_block(block).unwrap()).all(same));
         }
     }
 }
@@ -214,7 +214,7 @@ fn any_exact_bits_are_survived() {
         coded[from..].fill_with(|| if round % 3 == 0 { 0xFF } else { random.next_u64() as u8 });
         let crc = crc32fast::hash(&[&[0; 4], &*coded].concat());
         bad[first + length - 4..first + length].copy_from_slice(&crc.to_le_bytes());
-        refused += usize::from(Reader::open(&bad[..]).unwrap().exact_block(0).is_err());
+        refused += usize::from(Reader::open(&bad[..]).unwrap().source_block(0).is_err());
     }
     assert!(refused > 100, "{refused}");
 }

@@ -1,7 +1,7 @@
 //! Golden files: one a feature of the format, read forever. Never written anew to make a test pass.
 //!
 //! `tests/data/v1/hashes.txt` holds, for each file, CRC-32s of the decoded binary32 values, of the binary64 values,
-//! of the validity and, of lossless files, of the exact values: what every machine, build and thread count must give.
+//! of the validity and, of lossless files, of the source values: what every machine, build and thread count must give.
 //! `tests/data/v1/eval.txt` holds, for each file that can be evaluated at directions, CRC-32s of binary32 values there.
 //! What was found is printed: `tools/cross.sh` compares these lines between machines.
 
@@ -21,7 +21,7 @@ fn sums(list: &'static str) -> impl Iterator<Item = (String, Vec<u32>)> {
     })
 }
 
-/// File, three checksums, and of a lossless file that of its exact values.
+/// File, three checksums, and of a lossless file that of its source values.
 fn expected() -> Vec<(String, [u32; 3], Option<u32>)> {
     let split = |(name, sums): (String, Vec<u32>)| (name, [sums[0], sums[1], sums[2]], sums.get(3).copied());
     sums(include_str!("data/v1/hashes.txt")).map(split).collect()
@@ -210,14 +210,14 @@ fn exact_values_are_as_they_were() {
     let bytes = read("dct-lossless.csbrdf");
     let reader = Reader::open(&bytes[..]).unwrap();
     assert!(reader.is_lossless());
-    let exact = reader.exact_table().unwrap();
+    let exact = reader.source_table().unwrap();
     let sum = crc32fast::hash(&exact.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>());
     let listed =
         expected().into_iter().find(|(name, ..)| name == "dct-lossless.csbrdf").and_then(|(_, _, exact)| exact);
     assert_eq!(Some(sum), listed, "{sum:08x}");
     // A NaN, its sign and payload.
     assert!(exact.iter().any(|v| v.to_bits() == 0xFFF0_0000_0000_0123));
-    let (place, block) = (reader.partition().block(1).unwrap(), reader.exact_block(1).unwrap());
+    let (place, block) = (reader.partition().block(1).unwrap(), reader.source_block(1).unwrap());
     let mut expected = vec![0.0; place.positions()];
     place.gather(reader.grid().shape(), &exact[..reader.grid().positions()], &mut expected);
     assert!(block.iter().zip(&expected).all(|(a, b)| a.to_bits() == b.to_bits()));

@@ -324,11 +324,11 @@ mod lossless {
         let reader = Reader::open(encoder.lossless(true).encode(&table).unwrap().bytes).unwrap();
         assert!(reader.is_lossless() && reader.verify().is_empty());
         assert_eq!(reader.metadata().unwrap().encoder.unwrap()["lossless"], true);
-        let exact: Vec<u64> = reader.exact_table().unwrap().iter().map(|x| x.to_bits()).collect();
+        let exact: Vec<u64> = reader.source_table().unwrap().iter().map(|x| x.to_bits()).collect();
         assert!(exact == bits);
         let n = N / 3;
         for number in 0..reader.block_count() {
-            let (place, values) = (reader.partition().block(number).unwrap(), reader.exact_block(number).unwrap());
+            let (place, values) = (reader.partition().block(number).unwrap(), reader.source_block(number).unwrap());
             for (c, values) in values.chunks_exact(place.positions()).enumerate() {
                 let mut expected = vec![0; values.len()];
                 place.gather(reader.grid().shape(), &bits[c * n..(c + 1) * n], &mut expected);
@@ -377,8 +377,8 @@ mod lossless {
         let table = table.synthesise(&Grid::merl().with_lengths(&LENS).unwrap()).unwrap();
         let reader = Reader::open(Encoder::new().encode(&table).unwrap().bytes).unwrap();
         assert!(!reader.is_lossless());
-        assert!(reader.exact_table().unwrap_err().to_string().contains("--lossless"));
-        assert!(reader.exact_block(0).is_err());
+        assert!(reader.source_table().unwrap_err().to_string().contains("--lossless"));
+        assert!(reader.source_block(0).is_err());
         let ratio = csbrdf::encode::contract::Contract::Ratio(2.0);
         assert!(Encoder::new().lossless(true).contract(ratio).encode(&table).is_err());
     }

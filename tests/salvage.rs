@@ -271,9 +271,9 @@ fn cut_files_keep_the_records_that_are_whole() {
 fn exact_values_are_lost_block_by_block() {
     let good = lossless();
     let (exact, records) = (section(good, "EXCT"), section(good, "RECS"));
-    let reference = Reader::open(good).unwrap().exact_table().unwrap();
+    let reference = Reader::open(good).unwrap().source_table().unwrap();
     let left = |salvaged: &Salvaged, gone: usize| {
-        let (values, lost) = salvaged.exact_table(-1.0).unwrap();
+        let (values, lost) = salvaged.source_table(-1.0).unwrap();
         assert_eq!(lost, gone);
         let same = |(a, b): &(&f64, &f64)| a.to_bits() == b.to_bits();
         let n = values.iter().zip(&reference).filter(same).count();
@@ -296,17 +296,17 @@ fn exact_values_are_lost_block_by_block() {
         // What was lost stays so, and is an error.
         let repaired = repair(&bad, Limits::default()).unwrap();
         assert_eq!(left(&salvage(&repaired.bytes).unwrap(), gone), n);
-        assert_eq!(Reader::open(&repaired.bytes[..]).unwrap().exact_table().is_err(), gone > 0);
+        assert_eq!(Reader::open(&repaired.bytes[..]).unwrap().source_table().is_err(), gone > 0);
     }
-    // The head of the section: all exact values, no others.
+    // The head of the section: all source values, no others.
     let mut bad = good.to_vec();
     bad[exact.start..exact.start + 40].fill(1);
     let salvaged = salvage(&bad).unwrap();
-    assert!(salvaged.lost().is_empty() && salvaged.exact_table(-1.0).is_err());
+    assert!(salvaged.lost().is_empty() && salvaged.source_table(-1.0).is_err());
     check_repair(good, &bad);
     // Cut within it.
     let salvaged = salvage(&good[..exact.end - exact.len() / 2]).unwrap();
-    assert!(salvaged.lost().is_empty() && salvaged.exact_table(-1.0).unwrap().1 > 1);
+    assert!(salvaged.lost().is_empty() && salvaged.source_table(-1.0).unwrap().1 > 1);
     check_repair(good, &good[..exact.end - exact.len() / 2]);
 }
 
@@ -387,7 +387,7 @@ fn any_bytes_are_survived() {
             bad.truncate(random.next_u64() as usize % bad.len());
         }
         if let Ok(salvaged) = salvage(&bad) {
-            let _ = (salvaged.reader().decode_table(), salvaged.exact_table(0.0), repair(&bad, Limits::default()));
+            let _ = (salvaged.reader().decode_table(), salvaged.source_table(0.0), repair(&bad, Limits::default()));
         }
     }
 }

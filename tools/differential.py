@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """Compares spec/decode.py, which was written from the specification alone, with the Rust decoder on changed files: values, validity,
-samples, exact values, and what is refused. Changed are fields of golden files, with right lengths and checksums (fuzz/src/bodies/recipe.rs).
+samples, source values, and what is refused. Changed are fields of golden files, with right lengths and checksums (fuzz/src/bodies/recipe.rs).
 
     CSBRDF_DIFFERENTIAL=DIR cargo test --test crashes -- --ignored files_for    # writes files and verdicts; README of fuzz/
     tools/differential.py DIR                                                   # exit 1 on a disagreement
@@ -23,7 +23,7 @@ def crc(array, kind):
 
 
 def of_block(file, number):
-    """Values, validity, exact values, counts of samples; `-` if refused."""
+    """Values, validity, source values, counts of samples; `-` if refused."""
     try:
         values, _, valid = file.values(number)
     except Refused:

@@ -54,7 +54,7 @@ pub fn prove<D: AsRef<[u8]> + Sync>(original: &Table, reader: &Reader<D>) -> Res
     let mut figures =
         Figures { bytes: reader.len() as u64, entries: original.values().len(), log_rms, log_max, psnr: None };
     if reader.is_lossless() {
-        let exact = reader.exact_table()?;
+        let exact = reader.source_table()?;
         let differ = original.values().iter().zip(&exact).filter(|(a, b)| a.to_bits() != b.to_bits()).count();
         if differ > 0 {
             broken.push(format!("{differ} entries are not restored bit by bit"));

@@ -1,6 +1,6 @@
 //! Small deterministic renderers for pictures of materials and for render PSNR.
 //!
-//! [`trace`] renders scenes under any environment map by sampling. What follows is the quick one, for `compare`:
+//! [`rays`] renders scenes under any environment map by sampling. What follows is the quick one, for `compare`:
 //! a sphere of unit radius, seen from +z without perspective, under a fixed environment ([`light`]). Direct light only.
 //! Every pixel sums the same few hundred directions: some over the whole sphere for the sky, more over the two area
 //! lights, and the mirror images of the viewer in a fixed set of half vectors, dense around the normal as the bins of
@@ -11,9 +11,9 @@ pub mod environment;
 mod half;
 pub mod light;
 pub mod picture;
+pub mod rays;
 pub mod scene;
 pub mod texels;
-pub mod trace;
 
 use std::f64::consts::PI;
 

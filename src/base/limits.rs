@@ -46,6 +46,15 @@ pub const EPS_RANGE: std::ops::RangeInclusive<f64> = 1e-300..=1e30;
 /// By default no file below 100 kB takes a call, or an evaluator over its life, more than about two seconds of a processor or 512 MB,
 /// but for whole tables. Each call has a budget of its own, or all calls on a reader have one together
 /// ([`Reader::with_one_budget`](crate::decode::Reader::with_one_budget)).
+///
+/// ```no_run
+/// use csbrdf::{BrdfOptions, Limits};
+///
+/// // A service that knows its files: MERL tables have 4,374,000 values.
+/// let limits = Limits { table_values: 1 << 23, bytes: 64 << 20, ..Limits::default() };
+/// let brdf = BrdfOptions::new().limits(limits).open("upload.csbrdf")?;
+/// # Ok::<(), csbrdf::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// Most values (positions times channels) of a table that is decoded, verified, or summed up as a whole. A decode holds the
@@ -58,7 +67,7 @@ pub struct Limits {
     /// 16 for each coefficient that is not zero, and at most 200 bytes a position beside. These are counted to `bytes`.
     pub block_values: usize,
     /// Most operations that one call on a file may take, about a nanosecond of one processor each, besides 2^12 for each byte of
-    /// the file: opening, a block, its validity and origins, its exact values, importance, pruning, checking whether a material
+    /// the file: opening, a block, its validity and origins, its source values, importance, pruning, checking whether a material
     /// could exist; and all that an evaluator decodes over its life ([`Brdf`](crate::brdf::Brdf) says what is left out). What is
     /// decoded of one record is counted when it is known, at most a third of a second later. Whole tables go by `table_values` instead.
     pub operations: u64,

@@ -128,8 +128,8 @@ impl BlockCodec {
         [n * ELEVATION * 2 + n * each * channels as u64, bytes + n]
     }
 
-    /// Operations and bytes of exact values.
-    pub(crate) fn of_exact(&self, block: &Block) -> [u64; 2] {
+    /// Operations and bytes of source values.
+    pub(crate) fn of_source(&self, block: &Block) -> [u64; 2] {
         let (n, values) = (block.positions() as u64, self.values_of(block));
         [values * EXACT, 9 * values + 26 * n]
     }

@@ -20,6 +20,13 @@ const MAX_BYTES: u64 = 1 << 28;
 /// As text, a *trace*: the title, a line `blocks N index X` with the number of the file's blocks and the CRC-32 of its index in
 /// hexadecimal, then block numbers from 0 or ranges `FIRST-LAST` of them, in ascending order, one a line. Lines that begin with #
 /// are comments.
+///
+/// ```no_run
+/// let brdf = csbrdf::Brdf::open("chrome.csbrdf")?;
+/// brdf.eval([0.3, 0.0, 0.9], [-0.5, 0.1, 0.8])?;
+/// std::fs::write("scene.trace", brdf.touched().to_text())?; // for `csbrdf prune --trace`
+/// # Ok::<(), csbrdf::Error>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Touched {
     blocks: Vec<bool>,

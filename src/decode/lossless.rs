@@ -7,15 +7,15 @@ use crate::blocks::lossless::decode_bits;
 use crate::codec::lossless::Decoded;
 use crate::format::directory;
 use crate::format::is_compact;
-use crate::format::lossless::ExactIndex;
+use crate::format::lossless::LosslessIndex;
 use crate::format::record::ValidityClass;
 use crate::table::block::Block;
 
 impl<D: AsRef<[u8]>> Reader<D> {
-    /// Whether the file restores the table that it was made from bit by bit: [`Reader::exact_table`].
+    /// Whether the file restores the table that it was made from bit by bit: [`Reader::source_table`].
     pub fn is_lossless(&self) -> bool {
         // Before draft 3 the name was free for others to use.
-        is_compact(self.version().2) && self.directory.find(directory::EXACT).is_some()
+        is_compact(self.version().2) && self.directory.find(directory::LOSSLESS).is_some()
     }
 
     /// One block of the source, bit by bit, in its units: `[channel][position]`, with whatever marked missing entries.
@@ -23,44 +23,44 @@ impl<D: AsRef<[u8]>> Reader<D> {
     /// # Errors
     /// `InvalidArgument` if the file is not lossless or has no such block, `Corrupt` if the block's record or what
     /// restores its bits is damaged.
-    pub fn exact_block(&self, block: usize) -> Result<Vec<f64>> {
+    pub fn source_block(&self, block: usize) -> Result<Vec<f64>> {
         self.place(block)?;
-        let (_, bits) = self.exact_bits_within(&self.exact_index()?, block, &mut Scratch::default(), &self.call())?;
+        let (_, bits) = self.source_bits_within(&self.lossless_index()?, block, &mut Scratch::default(), &self.call())?;
         Ok(bits.into_iter().map(f64::from_bits).collect())
     }
 
     /// Where the parts of the blocks are. Read when bits are asked for: damage there does not keep values from being decoded.
-    pub(crate) fn exact_index(&self) -> Result<ExactIndex> {
+    pub(crate) fn lossless_index(&self) -> Result<LosslessIndex> {
         if !self.is_lossless() {
-            let what = "the file does not hold the exact values; encode the table with --lossless to keep them";
+            let what = "the file does not hold the source values; encode the table with --lossless to keep them";
             return Err(Error::InvalidArgument(what.into()));
         }
-        let section = self.directory.require(directory::EXACT)?;
-        ExactIndex::read(self.data.as_ref(), section, self.block_count(), self.grid().channels().len())
+        let section = self.directory.require(directory::LOSSLESS)?;
+        LosslessIndex::read(self.data.as_ref(), section, self.block_count(), self.grid().channels().len())
     }
 
-    /// How many blocks have lost their exact values to damage, although they are marked so in a repaired file.
+    /// How many blocks have lost their source values to damage, although they are marked so in a repaired file.
     ///
     /// # Errors
-    /// As [`Reader::exact_block`], for the list of their parts.
-    pub fn lost_exact(&self) -> Result<usize> {
-        let index = self.exact_index()?;
+    /// As [`Reader::source_block`], for the list of their parts.
+    pub fn lost_source(&self) -> Result<usize> {
+        let index = self.lossless_index()?;
         Ok((0..self.block_count()).filter(|&block| index.is_lost(self.data.as_ref(), block)).count())
     }
 
-    pub(crate) fn exact_bits(
+    pub(crate) fn source_bits(
         &self,
-        index: &ExactIndex,
+        index: &LosslessIndex,
         block: usize,
         scratch: &mut Scratch,
     ) -> Result<(Block, Vec<u64>)> {
-        self.exact_bits_within(index, block, scratch, &self.call())
+        self.source_bits_within(index, block, scratch, &self.call())
     }
 
-    /// As [`Reader::exact_bits`], on a budget.
-    pub(super) fn exact_bits_within(
+    /// As [`Reader::source_bits`], on a budget.
+    pub(super) fn source_bits_within(
         &self,
-        index: &ExactIndex,
+        index: &LosslessIndex,
         block: usize,
         scratch: &mut Scratch,
         budget: &Budget,
@@ -71,7 +71,7 @@ impl<D: AsRef<[u8]>> Reader<D> {
             return Err(self.gone(block));
         }
         let place = self.rebuild(block, &record, scratch, budget)?;
-        let [work, bytes] = self.codec.of_exact(&place);
+        let [work, bytes] = self.codec.of_source(&place);
         budget.spend(work)?;
         let _held = budget.holding(bytes)?;
         let scales: Vec<f64> = self.grid().channels().iter().map(|channel| channel.scale).collect();
@@ -96,12 +96,12 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
     /// # Errors
     /// `InvalidArgument` if the file is not lossless ([`Reader::is_lossless`]), `Corrupt` if a record or what restores a
     /// block's bits is damaged, `LimitExceeded` if the table is above the caller's limit.
-    pub fn exact_table(&self) -> Result<Vec<f64>> {
-        let index = self.exact_index()?;
+    pub fn source_table(&self) -> Result<Vec<f64>> {
+        let index = self.lossless_index()?;
         let mut values = zeroed(self.check_table_size()?)?;
         let (shares, budget) = (self.shares(), self.whole_call());
         self.for_each_block(&shares, shares.memory(&mut values), |scratch, block, place, memory| {
-            let (_, bits) = self.exact_bits_within(&index, block, scratch, &budget)?;
+            let (_, bits) = self.source_bits_within(&index, block, scratch, &budget)?;
             // In the same memory.
             let exact: Vec<f64> = bits.into_iter().map(f64::from_bits).collect();
             memory.of_block(place).put_all(&exact);

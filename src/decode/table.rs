@@ -154,7 +154,7 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
             let offset = self.directory.find(directory::SPARE).map_or(0, |section| section.range.start as u64);
             damage.push(Error::corrupt(directory::SPARE, offset, "is no copy of the sections before RECS"));
         }
-        let exact = match self.is_lossless().then(|| self.exact_index()).transpose() {
+        let exact = match self.is_lossless().then(|| self.lossless_index()).transpose() {
             Ok(exact) => exact,
             Err(e) => {
                 damage.push(e);
@@ -170,7 +170,7 @@ impl<D: AsRef<[u8]> + Sync> Reader<D> {
             let record = self.record(block).and_then(|record| self.rebuild(block, &record, scratch, budget)).err();
             // What was lost and is marked so is no damage any more.
             let bits = exact.as_ref().filter(|exact| record.is_none() && !exact.is_lost(self.data.as_ref(), block));
-            let bits = bits.and_then(|index| self.exact_bits_within(index, block, scratch, budget).err());
+            let bits = bits.and_then(|index| self.source_bits_within(index, block, scratch, budget).err());
             Ok([record, bits.filter(|e| !matches!(e, Error::Pruned { .. } | Error::Lost { .. }))])
         };
         // Some at a time: what is found of a block takes more memory than many a block.

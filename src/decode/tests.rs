@@ -166,7 +166,7 @@ fn the_smallest_block_of_each_file_is_as_it_is_told() {
         assert_eq!(info.sampled.iter().sum::<usize>(), count(Origin::Sampled), "{name}");
         assert_eq!(info.valid.iter().sum::<usize>(), count(Origin::Sampled) + count(Origin::Measured), "{name}");
         if reader.is_lossless() {
-            assert_eq!(reader.exact_block(block).unwrap().len(), values.len(), "{name}");
+            assert_eq!(reader.source_block(block).unwrap().len(), values.len(), "{name}");
         }
     }
 }

@@ -4,7 +4,7 @@
 //! prove to be intact, and says all that it did. What damage costs, by where it is:
 //!
 //! - A record: its block. The block's mean is in the index.
-//! - META: the metadata. EXCT: the exact values of a block, or of all if it is in the section's head.
+//! - META: the metadata. EXCT: the source values of a block, or of all if it is in the section's head.
 //! - Section table, GRID, CODE, PART, PROB, GRAZ, INDX: nothing, if the file has a spare copy of them (section SPAR, `csbrdf encode
 //!   --spare`). Otherwise the file, but for
 //! - one bit, where more than the checksum proves which one it was: mostly in the section table, GRID, CODE, PART and PROB, never in GRAZ;
@@ -14,10 +14,10 @@
 //! "Restored" means proven to [`WANTED`] bits; a caller may take less ([`Options::evidence`]), and then learns how much there was.
 
 mod evidence;
-mod exact;
 mod gather;
 mod head;
 mod index;
+mod lossless;
 mod mend;
 #[cfg(feature = "encode")]
 mod repair;
@@ -87,7 +87,7 @@ impl Options {
 pub struct Damage {
     /// Section, or "section table", "end marker", "file".
     pub section: Cow<'static, str>,
-    /// The blocks whose records, or whose exact values in the section EXCT, it is.
+    /// The blocks whose records, or whose source values in the section EXCT, it is.
     pub blocks: Option<Range<usize>>,
     /// Bytes of the file; they may be beyond its end.
     pub bytes: Range<usize>,
@@ -130,8 +130,8 @@ pub struct Salvaged {
     lost: Vec<usize>,
     /// First block whose mean is lost as well, and that of all after it.
     known_means: usize,
-    /// Blocks without exact values, of a lossless file.
-    lost_exact: usize,
+    /// Blocks without source values, of a lossless file.
+    lost_source: usize,
     /// What the file was: version, sections in their order.
     #[cfg_attr(not(feature = "encode"), allow(dead_code))]
     was: Directory,
@@ -158,10 +158,10 @@ impl Salvaged {
         &self.lost
     }
 
-    /// Blocks whose exact values are lost by this damage, those that are [`lost`](Salvaged::lost) themselves among them; all if they are
-    /// lost as a whole, none if the file has no exact values.
-    pub fn lost_exact(&self) -> usize {
-        self.lost_exact
+    /// Blocks whose source values are lost by this damage, those that are [`lost`](Salvaged::lost) themselves among them; all if they are
+    /// lost as a whole, none if the file has no source values.
+    pub fn lost_source(&self) -> usize {
+        self.lost_source
     }
 
     /// Place and shape of a block that is lost.

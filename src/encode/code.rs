@@ -18,7 +18,7 @@ use crate::format::directory;
 use crate::format::file::{write_file, write_file_with_spare};
 use crate::format::header::{Coding, write_coding, write_grid, write_partition};
 use crate::format::index::{Entry, encode_error, write_index};
-use crate::format::lossless::write_exact;
+use crate::format::lossless::write_lossless;
 use crate::format::probabilities::{decode_probability, encode_probability, write_probabilities};
 use crate::format::profile::{CodedProfile, write_profile};
 use crate::format::record::{Record, ValidityClass};
@@ -264,7 +264,7 @@ impl<'a> Blocks<'a> {
                 })?;
                 let error = measure(self.table, &block.block, codec.coding.eps, &buffers.scratch.log);
                 let exact = match missing {
-                    Some(missing) => code_exact(self.table, codec, &block, missing, buffers)
+                    Some(missing) => code_source(self.table, codec, &block, missing, buffers)
                         .map_err(|what| Error::InvalidArgument(format!("block {number} is not restored: {what}")))?,
                     None => Vec::new(),
                 };
@@ -322,7 +322,7 @@ pub(super) fn pack(
         index: write_index(&codec.partition, &blocks.entries(&coded)),
         exact: missing.map(|missing| {
             let parts: Vec<&[u8]> = coded.iter().map(|coded| &coded.exact[..]).collect();
-            write_exact(&missing, &parts)
+            write_lossless(&missing, &parts)
         }),
         records: coded.into_iter().flat_map(|coded| coded.record).collect(),
     })
@@ -335,7 +335,7 @@ fn usual_missing(table: &Table) -> Vec<u64> {
 }
 
 /// What restores the source's bits of a block that was just rebuilt; decoded again as a proof.
-fn code_exact(
+fn code_source(
     table: &Table,
     codec: &BlockCodec,
     block: &Uncoded,
@@ -399,7 +399,7 @@ impl Packed {
             (directory::METADATA, true, metadata.to_vec()),
             (directory::RECORDS, false, self.records.clone()),
         ]);
-        sections.extend(self.exact.clone().map(|exact| (directory::EXACT, true, exact)));
+        sections.extend(self.exact.clone().map(|exact| (directory::LOSSLESS, true, exact)));
         match spare {
             true => write_file_with_spare(VERSION, &sections),
             false => write_file(VERSION, &sections),

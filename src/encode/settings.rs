@@ -48,6 +48,15 @@ pub(super) enum Blocks {
 }
 
 /// Settings of an encode, then [`Encoder::encode`].
+///
+/// ```
+/// use csbrdf::{Contract, Effort, Encoder, Grid, synth::Recipe};
+///
+/// let table = Recipe::named("matte").unwrap().synthesise(&Grid::merl().with_lengths(&[20, 20, 36])?)?;
+/// let encoded = Encoder::new().effort(Effort::Fast).contract(Contract::Rmse(0.01)).encode(&table)?;
+/// assert!(encoded.report.log_rms <= 0.01);
+/// # Ok::<(), csbrdf::Error>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Encoder {
     pub(super) basis: Basis,
@@ -233,7 +242,7 @@ impl Encoder {
         Encoder { contract: Some(contract), ..self }
     }
 
-    /// Whether the file also restores every bit of the table, missing entries included: [`crate::decode::Reader::exact_table`].
+    /// Whether the file also restores every bit of the table, missing entries included: [`crate::decode::Reader::source_table`].
     /// Readers that do not know how still read the rest. Not with a contract on the size.
     pub fn lossless(self, lossless: bool) -> Encoder {
         Encoder { lossless, ..self }

@@ -5,7 +5,7 @@ mod estimate;
 pub(super) mod quantise;
 pub(super) mod recover;
 pub(super) mod shape;
-pub mod solver_log;
+pub mod watch;
 mod trend;
 
 use super::progress::Progress;

@@ -21,11 +21,11 @@ pub(crate) const PROFILE: &str = "GRAZ";
 pub(crate) const INDEX: &str = "INDX";
 pub(crate) const METADATA: &str = "META";
 pub(crate) const RECORDS: &str = "RECS";
-pub(crate) const EXACT: &str = "EXCT";
+pub(crate) const LOSSLESS: &str = "EXCT";
 pub(crate) const SPARE: &str = "SPAR";
 /// All of them, in the order in which writers put them.
 pub(crate) const KNOWN: [&str; 10] =
-    [GRID, CODING, PARTITION, PROBABILITIES, PROFILE, INDEX, METADATA, RECORDS, EXACT, SPARE];
+    [GRID, CODING, PARTITION, PROBABILITIES, PROFILE, INDEX, METADATA, RECORDS, LOSSLESS, SPARE];
 
 /// Name used in errors for the bytes before the first section.
 const DIRECTORY: &str = "section table";
@@ -165,7 +165,7 @@ impl Directory {
     /// Whether the specification of this version knows the section; EXCT came with draft 3 (A.2).
     fn knows(&self, section: &Section) -> bool {
         let known = KNOWN.iter().any(|name| name.as_bytes() == section.id);
-        known && (section.id != EXACT.as_bytes() || is_compact(self.version.2))
+        known && (section.id != LOSSLESS.as_bytes() || is_compact(self.version.2))
     }
 
     /// Major version, minor version, draft number.

@@ -13,6 +13,14 @@ mod present {
     use crate::base::limits::{MAX_METADATA, MAX_METADATA_OBJECTS};
 
     /// Provenance of a file. All fields are optional; unknown keys are kept in `other`.
+    ///
+    /// ```
+    /// use csbrdf::Metadata;
+    ///
+    /// let metadata = Metadata { name: Some("chrome".into()), licence: Some("CC0".into()), ..Metadata::default() };
+    /// # #[cfg(feature = "encode")]
+    /// let encoder = csbrdf::Encoder::new().metadata(metadata);
+    /// ```
     #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
     #[serde(default)]
     pub struct Metadata {

@@ -116,6 +116,20 @@ pub struct Channel {
 pub const MERL_SCALE: [f64; 3] = [1.0 / 1500.0, 1.15 / 1500.0, 1.66 / 1500.0];
 
 /// Shape and meaning of a table: 1 to 4 axes, slowest first, and its channels.
+///
+/// ```
+/// use csbrdf::{Axis, AxisName, Channel, Grid, Mapping};
+///
+/// // Two directions of an isotropic material, at 31 wavelengths.
+/// let angle = |name, len, end| Axis { name, len, mapping: Mapping::Linear, start: 0.0, end };
+/// let quarter = std::f64::consts::FRAC_PI_2;
+/// let axes =
+///     vec![angle(AxisName::ThetaI, 18, quarter), angle(AxisName::ThetaO, 18, quarter), angle(AxisName::PhiO, 36, 4.0 * quarter)];
+/// let channel = |nm: f64| Channel { name: format!("{nm}nm"), wavelength: Some(nm), scale: 1.0 };
+/// let grid = Grid::new(axes, (0..31).map(|i| channel(400.0 + 10.0 * f64::from(i))).collect())?;
+/// assert_eq!(grid.positions(), 18 * 18 * 36);
+/// # Ok::<(), csbrdf::Error>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grid {
     axes: Vec<Axis>,

@@ -40,7 +40,7 @@ pub fn run(data: &[u8]) {
             (spectrum.valid.len(), spectrum.components.len() * spectrum.block.positions()),
             (values.len(), values.len())
         );
-        if let Ok(exact) = reader.exact_block(block) {
+        if let Ok(exact) = reader.source_block(block) {
             assert_eq!(exact.len(), values.len());
         }
     }

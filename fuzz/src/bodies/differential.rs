@@ -22,7 +22,7 @@ pub fn file(number: u64) -> Vec<u8> {
 }
 
 /// `limit` if the file is larger than these files are to be; `refused` if no block decodes; otherwise the CRC-32 of the whole table in
-/// binary64 and its validity, and of each block those of its values, validity and exact values, and its counts of samples. What is
+/// binary64 and its validity, and of each block those of its values, validity and source values, and its counts of samples. What is
 /// refused of these is `-`.
 pub fn verdict(file: &[u8]) -> String {
     let reader = match Reader::open_with_limits(file, LIMITS) {
@@ -50,7 +50,7 @@ fn of_block(reader: &Reader<&[u8]>, block: usize) -> String {
         return "-".into();
     }
     let valid: Vec<u8> = reader.block_validity(block).expect("it decodes").into_iter().map(u8::from).collect();
-    let exact = reader.exact_block(block).map(|exact| format!("{:08x}", crc(exact.iter().map(|v| v.to_le_bytes()))));
+    let exact = reader.source_block(block).map(|exact| format!("{:08x}", crc(exact.iter().map(|v| v.to_le_bytes()))));
     let sampled = reader.block_info(block).expect("it decodes").sampled;
     let sampled: Vec<String> = sampled.iter().map(usize::to_string).collect();
     let values = crc(values.iter().map(|v| v.to_le_bytes()));

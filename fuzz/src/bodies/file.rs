@@ -62,7 +62,7 @@ pub fn run(data: &[u8]) {
         assert!(values.iter().all(is_value));
         let table = reader.decode_table().expect("all blocks decode");
         assert!(table.values().iter().all(|v| v.is_finite() && *v >= 0.0));
-        if let Ok(exact) = reader.exact_table() {
+        if let Ok(exact) = reader.source_table() {
             assert_eq!(exact.len(), values.len());
         }
     }

@@ -59,7 +59,7 @@ impl Parts {
             // From now on by how much it differs from the record's.
             entry.length = 0;
         }
-        let exact = bytes(b"EXCT").map(|bytes| exact_parts(bytes, channels, records.len())).unwrap_or_default();
+        let exact = bytes(b"EXCT").map(|bytes| lossless_parts(bytes, channels, records.len())).unwrap_or_default();
         let preamble = preamble.to_vec();
         Parts { preamble, sections, axes, channels, positions, records, entries, plain, exact, keep: Vec::new() }
     }
@@ -237,7 +237,7 @@ impl Parts {
 }
 
 /// The parts of EXCT, by block.
-fn exact_parts(bytes: &[u8], channels: usize, blocks: usize) -> Vec<Vec<u8>> {
+fn lossless_parts(bytes: &[u8], channels: usize, blocks: usize) -> Vec<Vec<u8>> {
     let lengths = 4 + 8 * channels;
     let mut at = lengths + 4 * blocks + 4;
     let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().expect("four bytes")) as usize;

@@ -44,7 +44,7 @@ struct Block {
     values: Vec<f32>,
     valid: Vec<bool>,
     errors: [u32; 2],
-    /// Bits of the exact values of a lossless file.
+    /// Bits of the source values of a lossless file.
     exact: Option<Vec<u64>>,
 }
 
@@ -178,9 +178,9 @@ fn kept<D: AsRef<[u8]>>(original: &Original, reader: &Reader<D>, lost: &[usize],
     for (block, right) in original.blocks.iter().enumerate() {
         // Exact values are lost block by block, by an error.
         let exact = exact(reader, block);
-        assert!(exact.is_none() || exact == right.exact, "{who}: wrong exact values of block {block}");
+        assert!(exact.is_none() || exact == right.exact, "{who}: wrong source values of block {block}");
         if lost.binary_search(&block).is_ok() {
-            assert!(exact.is_none(), "{who}: exact values of block {block}, which is lost");
+            assert!(exact.is_none(), "{who}: source values of block {block}, which is lost");
             continue;
         }
         let values = of_block(reader, block).unwrap_or_else(|e| panic!("{who}: block {block} is not lost: {e}"));
@@ -207,7 +207,7 @@ fn errors<D: AsRef<[u8]>>(reader: &Reader<D>, block: usize) -> [u32; 2] {
 }
 
 fn exact<D: AsRef<[u8]>>(reader: &Reader<D>, block: usize) -> Option<Vec<u64>> {
-    reader.exact_block(block).ok().map(|values| values.into_iter().map(f64::to_bits).collect())
+    reader.source_block(block).ok().map(|values| values.into_iter().map(f64::to_bits).collect())
 }
 
 fn said(metadata: Result<Metadata, Error>) -> String {

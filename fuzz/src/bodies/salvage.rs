@@ -83,7 +83,7 @@ fn left(salvaged: &Salvaged) {
         assert!(result.is_ok() || decoded.is_err());
         assert!(reader.block_validity(block).map_or(decoded.is_err(), |valid| !valid.contains(&true)));
     }
-    match salvaged.exact_table(-1.0) {
+    match salvaged.source_table(-1.0) {
         Ok((values, missing)) => assert!(values.len() <= LIMITS.table_values && missing <= reader.block_count()),
         Err(e) => assert!(!e.to_string().is_empty()),
     }

@@ -1,7 +1,7 @@
 //! The two scenes of the study: one ball, and a still life of two materials.
 
 use super::RADIUS;
-use super::trace::{Hit, Ray, Scene};
+use super::rays::{Hit, Ray, Scene};
 
 /// The unit ball from +z without perspective, on black: material 0.
 #[derive(Clone, Copy, Debug)]
@@ -158,7 +158,7 @@ fn ring_normal(p: [f64; 3]) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::assess::render::trace::subject_mask;
+    use crate::assess::render::rays::subject_mask;
 
     #[test]
     fn constants_are_unit_vectors_and_the_ring_stands_on_the_floor() {

@@ -109,7 +109,7 @@ impl Bomb {
         sections.push((directory::INDEX, false, write_index(&partition, &entries)));
         sections.extend(self.metadata.clone().map(|metadata| (directory::METADATA, true, metadata)));
         sections.push((directory::RECORDS, false, records));
-        sections.extend(self.exact.clone().map(|exact| (directory::EXACT, true, exact)));
+        sections.extend(self.exact.clone().map(|exact| (directory::LOSSLESS, true, exact)));
         write_file((1, 0, 4), &sections)
     }
 

@@ -5,7 +5,7 @@ use std::ops::Range;
 use super::evidence::{WANTED, evidence_of_bit, outcome};
 use super::head::{self, Head, Mended, Table};
 use super::index::Records;
-use super::{Damage, MIN_RECORD, Options, Outcome, Salvaged, exact, usual};
+use super::{Damage, MIN_RECORD, Options, Outcome, Salvaged, lossless, usual};
 use crate::base::budget::{Budget, with_room};
 use crate::base::error::{Error, Result};
 use crate::base::limits::MAX_MEANS;
@@ -76,10 +76,10 @@ pub(super) fn gather(data: &[u8], options: &Options) -> Result<Salvaged> {
     gathering.metadata();
     let known_means = entries.len();
     let (start, entries) = gathering.records(&codec.partition, components, entries)?;
-    let lost_exact = gathering.exact(codec.partition.block_count(), components);
+    let lost_source = gathering.source_values(codec.partition.block_count(), components);
     gathering.others();
     let index = Index::of(&entries, start, components);
-    gathering.finish(codec, index, known_means, lost_exact, &table)
+    gathering.finish(codec, index, known_means, lost_source, &table)
 }
 
 impl Gathering<'_> {
@@ -286,11 +286,13 @@ impl Gathering<'_> {
         found.find(|record| is_record(record, block))
     }
 
-    /// The exact values that are intact; gives how many blocks have none.
-    fn exact(&mut self, blocks: usize, channels: usize) -> usize {
-        let Some(section) = self.head.section(directory::EXACT).filter(|_| self.compact()).cloned() else { return 0 };
+    /// The source values that are intact; gives how many blocks have none.
+    fn source_values(&mut self, blocks: usize, channels: usize) -> usize {
+        let Some(section) = self.head.section(directory::LOSSLESS).filter(|_| self.compact()).cloned() else {
+            return 0;
+        };
         let wanted = self.options.evidence;
-        let taken = exact::take(self.data, &section, [blocks, channels], &self.lost, wanted, &mut self.damage);
+        let taken = lossless::take(self.data, &section, [blocks, channels], &self.lost, wanted, &mut self.damage);
         let Some((bytes, lost)) = taken else { return blocks };
         self.image.push(&section, &bytes);
         lost
@@ -299,7 +301,7 @@ impl Gathering<'_> {
     /// The spare copy, and sections of unknown names.
     fn others(&mut self) {
         let known =
-            [&HEAD[..], &[directory::INDEX, directory::METADATA, directory::RECORDS, directory::EXACT]].concat();
+            [&HEAD[..], &[directory::INDEX, directory::METADATA, directory::RECORDS, directory::LOSSLESS]].concat();
         for section in self.head.sections.iter().filter(|s| !known.contains(&&s.name()[..])) {
             if self.data.get(section.range.clone()).map(crc32fast::hash) == Some(section.crc) {
                 continue;
@@ -317,7 +319,7 @@ impl Gathering<'_> {
         codec: BlockCodec,
         index: Index,
         known_means: usize,
-        lost_exact: usize,
+        lost_source: usize,
         table: &Table,
     ) -> Result<Salvaged> {
         let was = Directory::of(self.head.version, self.head.sections.clone());
@@ -342,7 +344,7 @@ impl Gathering<'_> {
             file.outcome = Outcome::Restored;
         }
         let Gathering { damage, lost, .. } = self;
-        Ok(Salvaged { reader, damage, lost, known_means, lost_exact, was })
+        Ok(Salvaged { reader, damage, lost, known_means, lost_source, was })
     }
 
     /// Evidence for the bit of a section that was flipped back.

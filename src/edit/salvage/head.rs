@@ -105,7 +105,7 @@ impl<'a> Head<'a> {
     pub(super) fn is_usual(&self) -> bool {
         let places = self.sections.iter().map(|s| directory::KNOWN.iter().position(|name| name.as_bytes() == s.id));
         let Some(places) = places.collect::<Option<Vec<_>>>() else { return false };
-        let skippable = [directory::METADATA, directory::EXACT, directory::SPARE];
+        let skippable = [directory::METADATA, directory::LOSSLESS, directory::SPARE];
         let flags = |s: &Section| s.skippable == skippable.iter().any(|name| name.as_bytes() == s.id);
         self.version.1 == 0 && places.is_sorted_by(|a, b| a < b) && self.sections.iter().all(flags)
     }

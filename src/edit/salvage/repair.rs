@@ -112,7 +112,7 @@ const KNOWN: [&str; 8] = [
     directory::PROFILE,
     directory::METADATA,
     directory::RECORDS,
-    directory::EXACT,
+    directory::LOSSLESS,
 ];
 
 fn index(reader: &Reader<Vec<u8>>) -> Vec<u8> {
@@ -143,7 +143,7 @@ fn metadata(salvaged: &Salvaged) -> Result<Vec<u8>> {
             "blocks": reader.block_count(),
             "lost": reader.lost_blocks().count(),
             "means_lost": salvaged.lost().len() - known,
-            "exact_lost": salvaged.lost_exact(),
+            "exact_lost": salvaged.lost_source(),
         });
         let assumed = salvaged.damage().iter().filter_map(|damage| match damage.outcome {
             Outcome::Assumed { bits } => Some(json!({ "section": damage.section, "evidence_bits": bits })),

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::solver_log::Tracer;
+use super::watch::Watcher;
 use crate::codec::fourier::forward::Transform;
 use crate::codec::fourier::{Basis, partners};
 use crate::codec::sample::{Sampling, sample_positions};
@@ -64,12 +64,12 @@ pub(in crate::encode) struct Recoverer {
     plans: HashMap<[usize; 4], Plan>,
     solver: Solver,
     /// Solves in the plain solver's place, if there.
-    pub(in crate::encode) tracer: Option<Tracer>,
+    pub(in crate::encode) watcher: Option<Watcher>,
 }
 
 impl Recoverer {
     pub(in crate::encode) fn new(recovery: Recovery) -> Recoverer {
-        Recoverer { recovery, plans: HashMap::new(), solver: Solver::default(), tracer: None }
+        Recoverer { recovery, plans: HashMap::new(), solver: Solver::default(), watcher: None }
     }
 
     fn plan(&mut self, shape: [usize; 4]) -> &mut Plan {
@@ -146,14 +146,14 @@ impl Recoverer {
         // steps and changes sizes and errors by less than 0.5 %.
         let gap_tolerance = f64::INFINITY;
         let options = Options { max_iterations: iterations, gap_tolerance, ..Options::default() };
-        let (mut solver, mut tracer) = (std::mem::take(&mut self.solver), self.tracer.take());
+        let (mut solver, mut watcher) = (std::mem::take(&mut self.solver), self.watcher.take());
         let Plan { transform, norm, columns } = self.plan(shape);
         let mut operator = SampledBasis::new(transform, vec![positions]).with_columns(columns);
-        let solution = match &mut tracer {
+        let solution = match &mut watcher {
             None => solver.bpdn(&mut operator, &centred, sigma, norm, &options, None),
-            Some(tracer) => tracer.bpdn(&mut operator, &centred, sigma, norm, &options),
+            Some(watcher) => watcher.bpdn(&mut operator, &centred, sigma, norm, &options),
         };
-        (self.solver, self.tracer) = (solver, tracer);
+        (self.solver, self.watcher) = (solver, watcher);
         cost.solves += 1;
         let mut coefficients = match solution {
             Ok(solution) => {

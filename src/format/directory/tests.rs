@@ -61,8 +61,8 @@ fn names_are_ascii_and_occur_once() {
 fn the_lossless_layer_is_unknown_to_early_drafts() {
     for draft in [0, 1, 2, 3, 5] {
         let early = [1, 2].contains(&draft);
-        assert!(Directory::read(&write_file((1, 0, draft), &[(EXACT, true, vec![])])).is_ok(), "{draft}");
-        let needed = Directory::read(&write_file((1, 0, draft), &[(EXACT, false, vec![])]));
+        assert!(Directory::read(&write_file((1, 0, draft), &[(LOSSLESS, true, vec![])])).is_ok(), "{draft}");
+        let needed = Directory::read(&write_file((1, 0, draft), &[(LOSSLESS, false, vec![])]));
         assert_eq!(needed.is_err(), early, "{draft}");
     }
 }

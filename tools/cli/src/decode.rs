@@ -52,7 +52,7 @@ fn write(reader: &Reader, args: &DecodeArgs, format: FormatArg, target: &Target,
         });
     }
     if args.exact {
-        let values = reader.exact_table().map_err(failed)?;
+        let values = reader.source_table().map_err(failed)?;
         return target.write(guard, |out| write_merl_values(reader.grid(), &values, out));
     }
     write_whole(reader, args, format, target, guard)

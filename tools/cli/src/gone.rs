@@ -18,13 +18,13 @@ pub struct Gone {
     pub pruned: usize,
     /// Taken by damage, by runs of neighbours: first and last.
     pub lost: Vec<(usize, usize)>,
-    /// Without their exact values, of a lossless file.
+    /// Without their source values, of a lossless file.
     pub exact: usize,
 }
 
 impl Gone {
     pub fn of<D: AsRef<[u8]>>(reader: &Reader<D>) -> Gone {
-        let exact = if reader.is_lossless() { reader.lost_exact().unwrap_or(0) } else { 0 };
+        let exact = if reader.is_lossless() { reader.lost_source().unwrap_or(0) } else { 0 };
         let mut gone = Gone { blocks: reader.block_count(), exact, ..Gone::default() };
         for block in 0..gone.blocks {
             match (reader.state(block), gone.lost.last_mut()) {
@@ -67,7 +67,7 @@ impl Gone {
         }
         if self.exact > 0 {
             let and = if text.is_empty() { "" } else { ", and " };
-            let _ = write!(text, "{and}the exact values of {} blocks are lost", grouped(self.exact));
+            let _ = write!(text, "{and}the source values of {} blocks are lost", grouped(self.exact));
         }
         text
     }

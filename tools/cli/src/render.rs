@@ -5,8 +5,8 @@ use std::sync::Mutex;
 use std::time::Instant;
 
 use csbrdf::assess::render::environment::Environment;
+use csbrdf::assess::render::rays::{Material, Quality, Scene, render, subject_mask};
 use csbrdf::assess::render::scene::{Ball, StillLife};
-use csbrdf::assess::render::trace::{Material, Quality, Scene, render, subject_mask};
 use csbrdf::brdf::Brdf;
 
 use crate::args::RenderArgs;

@@ -10,8 +10,8 @@ mod page;
 mod plan;
 mod plot;
 mod point;
+mod solver_log;
 mod style;
-mod trace;
 
 use std::path::Path;
 use std::time::Instant;
@@ -31,7 +31,7 @@ use crate::output::Target;
 use crate::text::clean;
 use plan::Plan;
 use point::{Invocation, Point, Subject, measure};
-use trace::Followed;
+use solver_log::Followed;
 
 /// Steps of the progress bar a point.
 const STEPS: u64 = 100;
@@ -160,7 +160,7 @@ fn try_table(
         for settings in plan::traced(&run.extra) {
             let encoder = Invocation::new(path, &settings, "OUT", run.asked)?.encoder();
             let iterations = args.trace_iterations as usize;
-            let traces = trace::follow(&subject.table, &encoder, block.number, iterations).map_err(in_table)?;
+            let traces = solver_log::follow(&subject.table, &encoder, block.number, iterations).map_err(in_table)?;
             if !traces.is_empty() {
                 tried.followed.push(Followed { block: block.clone(), settings, traces });
             }

@@ -22,7 +22,7 @@ pub fn decode(args: &DecodeArgs, format: FormatArg, target: &Target, guard: Guar
     let salvaged = salvage_with(bytes.as_ref(), &options).map_err(failed)?;
     let guard = guard.source_of(&args.input, salvaged.reader());
     if args.exact {
-        let (values, _) = salvaged.exact_table(f64::from(MISSING)).map_err(failed)?;
+        let (values, _) = salvaged.source_table(f64::from(MISSING)).map_err(failed)?;
         target.write(&guard, |out| write_merl_values(salvaged.reader().grid(), &values, out))?;
     } else {
         write_whole(salvaged.reader(), args, format, target, &guard)?;
@@ -53,9 +53,9 @@ pub fn list(file: &Path, salvaged: &Salvaged, quiet: bool) {
         let (reader, lost) = (salvaged.reader(), salvaged.lost().len());
         let (grid, blocks) = (reader.grid(), reader.block_count());
         let entries = grid.positions() * grid.channels().len();
-        let exact = match (reader.is_lossless(), salvaged.lost_exact()) {
-            (_, n) if n > 0 => format!("; exact values of {} blocks lost", grouped(n)),
-            (true, _) => "; all exact values intact".into(),
+        let exact = match (reader.is_lossless(), salvaged.lost_source()) {
+            (_, n) if n > 0 => format!("; source values of {} blocks lost", grouped(n)),
+            (true, _) => "; all source values intact".into(),
             (false, _) => String::new(),
         };
         note(&format!(

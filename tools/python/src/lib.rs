@@ -235,12 +235,12 @@ impl PyBrdf {
     /// With exact=True float64 in the units of the source (times channel.scale: 1/sr), bit for bit the table that the file
     /// was made from, with what marked missing entries there; only lossless files have it.
     ///
-    /// Raises csbrdf.Error if a block is damaged, the table has more than 2**28 values, or exact values are not in the file.
+    /// Raises csbrdf.Error if a block is damaged, the table has more than 2**28 values, or source values are not in the file.
     #[pyo3(signature = (*, exact = false))]
     fn decode<'py>(&self, py: Python<'py>, exact: bool) -> PyResult<Bound<'py, PyAny>> {
         let shape = self.table_shape();
         if exact {
-            let values = detached(py, || on_threads(|| self.reader().exact_table()))?;
+            let values = detached(py, || on_threads(|| self.reader().source_table()))?;
             return Ok(array(py, values, &shape)?.into_any());
         }
         let values = detached(py, || on_threads(|| self.reader().decode_all()))?;

@@ -11,7 +11,7 @@ NAMES = sorted(path.name for path in GOLDEN.glob("*.csbrdf"))
 
 @pytest.fixture(scope="session")
 def sums():
-    """CRC-32s by name: of the float32 values, the float64 values, the validity, and of exact values."""
+    """CRC-32s by name: of the float32 values, the float64 values, the validity, and of source values."""
     lines = (GOLDEN / "hashes.txt").read_text().splitlines()
     return {line.split()[0]: line.split()[1:] for line in lines if line and line[0] != "#"}
 

@@ -34,7 +34,7 @@ def test_values_and_validity_are_as_they_were(brdf, name, sums):
 
 def test_exact_values_are_the_source_bit_by_bit(brdf, name, sums):
     if not brdf.lossless:
-        with pytest.raises(csbrdf.Error, match="exact values"):
+        with pytest.raises(csbrdf.Error, match="source values"):
             brdf.decode(exact=True)
         return
     exact = brdf.decode(exact=True)

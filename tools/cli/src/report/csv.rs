@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::Tried;
-use super::trace::Followed;
+use super::solver_log::Followed;
 use crate::quote::csv;
 
 /// One row a point.

@@ -5,8 +5,8 @@ use super::axis::is_plottable;
 use super::front::pareto_front;
 use super::plot::{Line, Mark, Plot};
 use super::point::{Point, anchor};
+use super::solver_log::Followed;
 use super::style::Style;
-use super::trace::Followed;
 use crate::text::{decibel, error_figure, grouped};
 
 /// Vertices of a followed solve's line at most: even steps in the logarithm.
@@ -64,7 +64,7 @@ fn describe(series: &str, p: &Point) -> String {
 
 /// Residual and gap against iterations and seconds, of the first component of a block with several settings.
 pub fn following(followed: &[Followed]) -> Vec<Plot> {
-    type Of = fn(&csbrdf::encode::trace::Step) -> f64;
+    type Of = fn(&csbrdf::encode::solver_log::Step) -> f64;
     let xs: [(&str, Of); 2] = [("iterations", |s| s.iterations as f64), ("seconds", |s| s.seconds)];
     let ys: [(&str, Of); 2] = [("residual, rms", |s| s.residual), ("relative duality gap", |s| s.gap)];
     let mut plots = Vec::new();

@@ -4,7 +4,7 @@ use std::ffi::OsStr;
 use std::path::PathBuf;
 
 use csbrdf::assess::render::environment::Environment;
-use csbrdf::assess::render::trace::Quality;
+use csbrdf::assess::render::rays::Quality;
 use csbrdf::encode::Preset;
 
 use super::light;

@@ -1,7 +1,7 @@
 //! Two materials in one scene (the paper's figure 1).
 
+use csbrdf::assess::render::rays::{Material, render};
 use csbrdf::assess::render::scene::StillLife;
-use csbrdf::assess::render::trace::{Material, render};
 use csbrdf::assess::render::{Image, Texels};
 
 use super::csv::{Csv, figure};

@@ -1,8 +1,8 @@
 //! A reference picture and what is compared with it.
 
 use csbrdf::assess::render::picture::psnr_over;
+use csbrdf::assess::render::rays::{Material, Scene, render, subject_mask};
 use csbrdf::assess::render::scene::Ball;
-use csbrdf::assess::render::trace::{Material, Scene, render, subject_mask};
 use csbrdf::assess::render::{Image, Texels};
 
 use super::plan::Plan;

@@ -1,7 +1,7 @@
 //! Followed solves of chosen blocks.
 
 use csbrdf::encode::Encoder;
-use csbrdf::encode::trace::{Limits, Step, Trace};
+use csbrdf::encode::solver_log::{Limits, SolverLog, Step};
 use csbrdf::table::Table;
 
 use super::blocks::Chosen;
@@ -18,14 +18,14 @@ pub struct Followed {
     pub block: Chosen,
     pub settings: String,
     /// One a component of the block's values.
-    pub traces: Vec<Trace>,
+    pub traces: Vec<SolverLog>,
 }
 
 /// Follows the solves of a block. All runs take the same steps; of each step the least time counts, so that what else
 /// the machine does shows little.
-pub fn follow(table: &Table, encoder: &Encoder, block: usize, iterations: usize) -> csbrdf::Result<Vec<Trace>> {
+pub fn follow(table: &Table, encoder: &Encoder, block: usize, iterations: usize) -> csbrdf::Result<Vec<SolverLog>> {
     let limits = Limits { iterations, gap: GAP };
-    let mut runs = (0..RUNS).map(|_| encoder.trace(table, block, limits)).collect::<csbrdf::Result<Vec<_>>>()?;
+    let mut runs = (0..RUNS).map(|_| encoder.solver_log(table, block, limits)).collect::<csbrdf::Result<Vec<_>>>()?;
     let mut first = runs.swap_remove(0);
     for (number, trace) in first.iter_mut().enumerate() {
         let clocks = |steps: &[Step]| steps.iter().map(|s| s.seconds).collect::<Vec<_>>();

@@ -4,8 +4,8 @@ use super::prepare::Prepared;
 use super::progress::Progress;
 use super::settings::Encoder;
 use super::sparse::recover::{Recoverer, Recovery};
-use super::sparse::solver_log::Tracer;
-pub use super::sparse::solver_log::{Limits, Step, Trace};
+use super::sparse::watch::Watcher;
+pub use super::sparse::watch::{Limits, Step, SolverLog};
 use crate::base::error::{Error, Result};
 use crate::table::Table;
 
@@ -15,7 +15,7 @@ impl Encoder {
     ///
     /// # Errors
     /// As [`Encoder::encode`]; `InvalidArgument` if there is no such block or a limit is out of range.
-    pub fn trace(&self, table: &Table, block: usize, limits: Limits) -> Result<Vec<Trace>> {
+    pub fn solver_log(&self, table: &Table, block: usize, limits: Limits) -> Result<Vec<SolverLog>> {
         self.check()?;
         if limits.gap.is_nan() || limits.gap <= 0.0 {
             return Err(Error::InvalidArgument(format!("gap is {}, must be above 0", limits.gap)));
@@ -30,10 +30,10 @@ impl Encoder {
             return Ok(Vec::new());
         }
         let mut recoverer = Recoverer::new(Recovery::new(self, self.iterations));
-        recoverer.tracer = Some(Tracer::new(limits));
+        recoverer.watcher = Some(Watcher::new(limits));
         let quantized = prepared.sampled(self, None).quantize_block(&mut recoverer, block, &place);
         quantized.ok_or_else(|| self.too_fine())?;
-        Ok(recoverer.tracer.map(|tracer| tracer.traces).unwrap_or_default())
+        Ok(recoverer.watcher.map(|watcher| watcher.logs).unwrap_or_default())
     }
 }
 
@@ -47,21 +47,21 @@ mod tests {
     fn a_trace_ends_at_the_gap_and_reaches_sigma_on_its_way() {
         let table = Recipe::named("satin-paint").unwrap().merl().unwrap();
         let encoder = Encoder::new().preset(Preset::Paper).sigma(0.02);
-        let traces = encoder.trace(&table, 200, Limits { iterations: 2000, gap: 0.01 }).unwrap();
-        assert_eq!(traces.len(), 3);
-        for trace in &traces {
-            let (first, last) = (trace.steps[0], trace.steps[trace.steps.len() - 1]);
-            assert!(trace.steps.iter().map(|s| s.iterations).eq(0..trace.steps.len()));
-            assert!(trace.steps.windows(2).all(|w| w[1].gap <= w[0].gap && w[1].seconds >= w[0].seconds));
+        let logs = encoder.solver_log(&table, 200, Limits { iterations: 2000, gap: 0.01 }).unwrap();
+        assert_eq!(logs.len(), 3);
+        for log in &logs {
+            let (first, last) = (log.steps[0], log.steps[log.steps.len() - 1]);
+            assert!(log.steps.iter().map(|s| s.iterations).eq(0..log.steps.len()));
+            assert!(log.steps.windows(2).all(|w| w[1].gap <= w[0].gap && w[1].seconds >= w[0].seconds));
             assert!(first.gap > 0.1 && last.gap <= 0.0101, "{first:?} {last:?}");
-            assert!(last.residual <= 1.01 * trace.sigma && first.residual > 2.0 * trace.sigma);
-            let stop = trace.reached;
-            assert!(stop > 0 && stop <= last.iterations && trace.steps[stop].residual <= 1.01 * trace.sigma);
+            assert!(last.residual <= 1.01 * log.sigma && first.residual > 2.0 * log.sigma);
+            let stop = log.reached;
+            assert!(stop > 0 && stop <= last.iterations && log.steps[stop].residual <= 1.01 * log.sigma);
         }
-        assert!(encoder.trace(&table, 432, Limits { iterations: 1, gap: 0.1 }).is_err());
+        assert!(encoder.solver_log(&table, 432, Limits { iterations: 1, gap: 0.1 }).is_err());
         let full = Encoder::new().block_shape(&[15, 15, 15]);
         for none in [full, encoder.trend(true)] {
-            assert!(none.trace(&table, 200, Limits { iterations: 1, gap: 0.1 }).unwrap().is_empty());
+            assert!(none.solver_log(&table, 200, Limits { iterations: 1, gap: 0.1 }).unwrap().is_empty());
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The exact values of a damaged lossless file, block by block (spec section 3.10).
+//! The source values of a damaged lossless file, block by block (spec section 3.10).
 
 use std::borrow::Cow;
 
@@ -9,7 +9,7 @@ use crate::base::budget::filled;
 use crate::base::error::Result;
 use crate::decode::Scratch;
 use crate::format::directory::{self, Section};
-use crate::format::lossless::{ExactIndex, lost_part};
+use crate::format::lossless::{LosslessIndex, lost_part};
 
 /// Bits that entries which are not valid usually have: of a MERL table, and of others.
 const USUAL_MISSING: [f64; 5] = [-1.0, 0.0, f64::NAN, f64::NEG_INFINITY, -0.0];
@@ -30,14 +30,14 @@ pub(super) fn take(
     let row = damage.len();
     if flipped {
         let bytes = range.start..range.start + head + 4;
-        damage.push(Damage::of_section(directory::EXACT, bytes, "one bit was flipped", Outcome::Restored));
+        damage.push(Damage::of_section(directory::LOSSLESS, bytes, "one bit was flipped", Outcome::Restored));
     }
-    let index = match ExactIndex::read(&data, section, blocks, channels) {
+    let index = match LosslessIndex::read(&data, section, blocks, channels) {
         Ok(index) => index,
         Err(e) => {
             damage.truncate(row);
-            let what = format!("the exact values are lost: {e}");
-            damage.push(Damage::of_section(directory::EXACT, range, what, Outcome::Lost));
+            let what = format!("the source values are lost: {e}");
+            damage.push(Damage::of_section(directory::LOSSLESS, range, what, Outcome::Lost));
             return None;
         }
     };
@@ -49,9 +49,9 @@ pub(super) fn take(
         if bits < wanted {
             damage.truncate(row);
             let what = format!(
-                "the exact values are lost: only {bits} bits of evidence of {WANTED} say which bit of its head was flipped"
+                "the source values are lost: only {bits} bits of evidence of {WANTED} say which bit of its head was flipped"
             );
-            damage.push(Damage::of_section(directory::EXACT, range, what, Outcome::Lost));
+            damage.push(Damage::of_section(directory::LOSSLESS, range, what, Outcome::Lost));
             return None;
         }
         damage[row].outcome = outcome(bits);
@@ -81,7 +81,7 @@ fn mend_head(data: &[u8], start: usize, length: usize) -> (Cow<'_, [u8]>, bool) 
 }
 
 /// Evidence for that bit: checksums of the parts vouch for their lengths, the bits of missing entries are usual ones or not.
-fn evidence(index: &ExactIndex, head: usize, damaged: usize) -> u32 {
+fn evidence(index: &LosslessIndex, head: usize, damaged: usize) -> u32 {
     let is_usual = |bits: &u64| USUAL_MISSING.iter().any(|usual| usual.to_bits() == *bits);
     if damaged > 0 {
         return evidence_of_bit(head);
@@ -105,7 +105,7 @@ struct Parts {
 
 impl Parts {
     /// Copies those that are intact, and marks the others.
-    fn copy(data: &[u8], index: &ExactIndex, is_lost: &[bool], damage: &mut Vec<Damage>) -> Parts {
+    fn copy(data: &[u8], index: &LosslessIndex, is_lost: &[bool], damage: &mut Vec<Damage>) -> Parts {
         let mut parts = Parts::default();
         for (block, &is_lost) in is_lost.iter().enumerate() {
             let place = index.part(block);
@@ -113,7 +113,7 @@ impl Parts {
             let known_lost = place.end <= data.len() && index.is_lost(data, block);
             if !intact && !known_lost {
                 let what = if place.end > data.len() { "beyond the end of the file" } else { "the checksum is wrong" };
-                Damage::of_block(damage, directory::EXACT, block, place.clone(), what);
+                Damage::of_block(damage, directory::LOSSLESS, block, place.clone(), what);
                 parts.damaged += 1;
             }
             parts.lost += usize::from(!known_lost && (is_lost || !intact));
@@ -128,19 +128,19 @@ impl Parts {
 
 impl Salvaged {
     /// The source's values bit by bit as far as they are left, `missing` elsewhere, as
-    /// [`Reader::exact_table`](crate::decode::Reader::exact_table); and how many blocks of it are missing.
+    /// [`Reader::source_table`](crate::decode::Reader::source_table); and how many blocks of it are missing.
     ///
     /// # Errors
-    /// `InvalidArgument` if the file is not lossless or its exact values are all lost, `LimitExceeded` if the table is above the
+    /// `InvalidArgument` if the file is not lossless or its source values are all lost, `LimitExceeded` if the table is above the
     /// caller's limit.
-    pub fn exact_table(&self, missing: f64) -> Result<(Vec<f64>, usize)> {
+    pub fn source_table(&self, missing: f64) -> Result<(Vec<f64>, usize)> {
         let reader = self.reader();
-        let index = reader.exact_index()?;
+        let index = reader.lossless_index()?;
         let mut values = filled(missing, reader.check_table_size()?)?;
         let (shape, n) = (reader.grid().shape(), reader.grid().positions());
         let (mut scratch, mut gone) = (Scratch::default(), 0);
         for block in 0..reader.block_count() {
-            let Ok((place, bits)) = reader.exact_bits(&index, block, &mut scratch) else {
+            let Ok((place, bits)) = reader.source_bits(&index, block, &mut scratch) else {
                 gone += 1;
                 continue;
             };

@@ -18,7 +18,7 @@ pub struct Limits {
 
 /// One solve.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Trace {
+pub struct SolverLog {
     /// Samples y.
     pub samples: usize,
     /// Coefficients s.
@@ -50,17 +50,17 @@ pub struct Step {
 }
 
 /// Solves and keeps how it went.
-pub(in crate::encode) struct Tracer {
+pub(in crate::encode) struct Watcher {
     limits: Limits,
-    pub(in crate::encode) traces: Vec<Trace>,
+    pub(in crate::encode) logs: Vec<SolverLog>,
 }
 
-impl Tracer {
-    pub(in crate::encode) fn new(limits: Limits) -> Tracer {
-        Tracer { limits, traces: Vec::new() }
+impl Watcher {
+    pub(in crate::encode) fn new(limits: Limits) -> Watcher {
+        Watcher { limits, logs: Vec::new() }
     }
 
-    /// As [`spgl1::bpdn`], to the limits of the trace. It is SPGL1's descent that is followed, also where an encode would
+    /// As [`spgl1::bpdn`], to the limits of the log. It is SPGL1's descent that is followed, also where an encode would
     /// take the splitting, which keeps no iterate whose residual is known without another transform.
     pub(in crate::encode) fn bpdn<O: Operator>(
         &mut self,
@@ -95,7 +95,7 @@ impl Tracer {
         steps.iter_mut().for_each(|step| step.residual *= length / rms);
         let enough = (sigma + solution.tolerance) / rms;
         let reached = steps.iter().position(|step| step.residual <= enough).unwrap_or(usize::MAX);
-        self.traces.push(Trace {
+        self.logs.push(SolverLog {
             samples: y.len(),
             coefficients: norm.cols(),
             sigma: sigma / rms,
