@@ -127,13 +127,13 @@ impl BlockCodec {
         }
         if self.coding.zeros {
             let Scratch { masks, zeros, .. } = &mut *scratch;
-            code_zeros(decoder, ZEROS, block.shape, channels, || self.told_or_predicted(block, masks), zeros)?;
+            code_zeros(decoder, ZEROS, block.shape, channels, || self.stored_or_predicted(block, masks), zeros)?;
         }
         scratch.walk.decode(decoder, self.coding.quantization, block.shape, channels, &mut scratch.coefficients, budget)
     }
 
     /// The masks, or those that the horizon predicts if they were left.
-    fn told_or_predicted<'a>(&self, block: &Block, masks: &'a mut Vec<bool>) -> &'a [bool] {
+    fn stored_or_predicted<'a>(&self, block: &Block, masks: &'a mut Vec<bool>) -> &'a [bool] {
         if masks.is_empty() {
             masks.extend(self.mask_model().predict(block));
         }

@@ -157,7 +157,7 @@ impl Gathering<'_> {
         self.budget.hold(got * (3 * 4 * components as u64 + 2 * size_of::<Entry>() as u64 + 64))
     }
 
-    /// The entries of the index that are certain, from the first block on.
+    /// The entries of the index: all of them, or none where it is damaged and no change is proven.
     fn index(&mut self, partition: &Partition, components: usize) -> Result<Vec<Entry>> {
         let missing = |name| Error::corrupt("section table", 0, format!("section {name} is missing"));
         let records = self.head.section(directory::RECORDS).ok_or_else(|| missing("RECS"))?.clone();
@@ -206,7 +206,7 @@ impl Gathering<'_> {
             }
             None => {
                 let cut = if certain.cut_short { "; not all changes could be tried within the limits" } else { "" };
-                let what = format!("{} entries of {} are certain{cut}", certain.entries.len(), partition.block_count());
+                let what = format!("none of {} entries is certain{cut}", partition.block_count());
                 (range, what, Outcome::Lost)
             }
         };

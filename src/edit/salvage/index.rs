@@ -40,7 +40,7 @@ pub(super) struct Records<'a> {
 
 /// What is certain of a damaged section.
 pub(super) struct Certain {
-    /// From the first block on.
+    /// All, or none where no change is proven.
     pub(super) entries: Vec<Entry>,
     /// The change that gave all of them, and the evidence for it.
     pub(super) change: Option<(Patch, u32)>,
