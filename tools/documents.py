@@ -78,6 +78,9 @@ def main(language, program, *rest):
     tool = None if language == "c" else program
     if language == "python":
         program, *rest = rest
+    if program and "/" in program:
+        # A block runs in a folder of its own; a link stays one, or it would be the interpreter without its packages.
+        program = os.path.abspath(program)
     pages = [page for page in PAGES if not rest or str(page.relative_to(ROOT)).endswith(tuple(rest))]
     failed = [str(page.relative_to(ROOT)) for page in pages if run(page, language, tool, program)]
     if failed:
