@@ -10,6 +10,7 @@
 pub mod environment;
 mod half;
 pub mod light;
+mod pending;
 pub mod picture;
 pub mod rays;
 pub mod scene;
@@ -21,6 +22,7 @@ use rayon::prelude::*;
 
 use crate::table::Table;
 use light::{GOLDEN_TURN, LIGHTS};
+use pending::Pending;
 pub use picture::{Image, channel_psnr, difference, psnr, write_png};
 pub use texels::Texels;
 
@@ -39,14 +41,18 @@ const BATCH: usize = 1 << 14;
 /// `eval(wi, wo)` is the BRDF in 1/sr (red, green, blue) for unit directions above the horizon, in a frame whose z is
 /// the normal and whose x runs level along the sphere; isotropic BRDFs do not depend on the latter.
 pub fn render_sphere(size: usize, eval: impl Fn([f64; 3], [f64; 3]) -> [f32; 3] + Sync) -> Image {
-    let [image] = render_spheres(size, |wi, wo| [eval(wi, wo)]);
+    let [image] = render_spheres(size, |wi, wo, out| {
+        for ((wi, wo), out) in wi.iter().zip(wo).zip(out) {
+            *out = [eval(*wi, *wo)];
+        }
+    });
     image
 }
 
-/// As [`render_sphere`], of several materials at once: what they share of a direction is computed once.
+/// As [`render_sphere`], of several materials and pairs of directions at once: what they share is computed once.
 fn render_spheres<const N: usize>(
     size: usize,
-    eval: impl Fn([f64; 3], [f64; 3]) -> [[f32; 3]; N] + Sync,
+    eval: impl Fn(&[[f64; 3]], &[[f64; 3]], &mut [[[f32; 3]; N]]) + Sync,
 ) -> [Image; N] {
     let quadrature = Quadrature::new(light::radiance);
     let batches: Vec<Vec<Point<N>>> = (0..size * size)
@@ -75,7 +81,10 @@ fn render_spheres<const N: usize>(
 /// Missing entries, other grids and other channels: as [`Texels`].
 pub fn sphere_of_table(table: &Table, size: usize) -> Image {
     let texels = Texels::new(table);
-    render_sphere(size, |wi, wo| texels.eval(wi, wo))
+    let [image] = render_spheres(size, |wi, wo, out| {
+        texels.each_taps(wi, wo, |i, taps| out[i] = [texels.mix(taps)]);
+    });
+    image
 }
 
 /// As [`sphere_of_table`] of two tables, in less time where they have the same axes.
@@ -84,8 +93,8 @@ pub fn spheres_of_tables(a: &Table, b: &Table, size: usize) -> [Image; 2] {
         return [sphere_of_table(a, size), sphere_of_table(b, size)];
     }
     let texels = [Texels::new(a), Texels::new(b)];
-    render_spheres(size, |wi, wo| {
-        texels[0].taps(wi, wo).map_or([[0.0; 3]; 2], |taps| texels.each_ref().map(|texels| texels.mix(&taps)))
+    render_spheres(size, |wi, wo, out| {
+        texels[0].each_taps(wi, wo, |i, taps| out[i] = texels.each_ref().map(|texels| texels.mix(taps)));
     })
 }
 
@@ -127,27 +136,32 @@ impl Quadrature {
     fn reflect<const N: usize>(
         &self,
         points: &mut [Point<N>],
-        eval: &impl Fn([f64; 3], [f64; 3]) -> [[f32; 3]; N],
+        eval: &impl Fn(&[[f64; 3]], &[[f64; 3]], &mut [[[f32; 3]; N]]),
         radiance: impl Fn([f64; 3]) -> [f64; 3],
     ) {
+        let mut pending = Pending::new();
         for fixed in &self.fixed {
-            for point in points.iter_mut() {
+            for index in 0..points.len() {
+                let point = &points[index];
                 let wi = point.frame.map(|axis| dot(axis, fixed.towards));
                 if wi[2] > 0.0 {
                     let density = fixed.density + HALF_SAMPLES as f64 * half::density_of(wi, point.wo);
-                    point.add(eval(wi, point.wo), fixed.radiance, wi[2] / density);
+                    pending.add(index, wi, fixed.radiance, wi[2] / density, points, eval);
                 }
             }
+            pending.settle(points, eval);
         }
         for &half in &self.half {
-            for point in points.iter_mut() {
+            for index in 0..points.len() {
+                let point = &points[index];
                 let (wi, along) = half::reflect(half, point.wo);
                 if along > 0.0 && wi[2] > 0.0 {
                     let towards = std::array::from_fn(|k| (0..3).map(|j| point.frame[j][k] * wi[j]).sum());
                     let density = fixed_density(towards) + HALF_SAMPLES as f64 * half::density(half, along);
-                    point.add(eval(wi, point.wo), radiance(towards), wi[2] / density);
+                    pending.add(index, wi, radiance(towards), wi[2] / density, points, eval);
                 }
             }
+            pending.settle(points, eval);
         }
     }
 }
@@ -219,7 +233,7 @@ mod tests {
         let quadrature = Quadrature::new(white);
         for normal in [[0.0, 0.0, 1.0], [0.6, 0.0, 0.8], [-0.48, 0.64, 0.6], [0.0, -0.954, 0.3]] {
             let mut points = [Point::with_normal(0, 1.0, normal)];
-            quadrature.reflect(&mut points, &|_, _| [[1.0 / PI as f32; 3]], white);
+            quadrature.reflect(&mut points, &|_, _, out| out.fill([[1.0 / PI as f32; 3]]), white);
             let [out] = points[0].sums;
             assert!((out[0] - 1.0).abs() < 0.03, "{normal:?} {out:?}");
         }
@@ -229,7 +243,9 @@ mod tests {
     fn pictures_are_of_the_table_and_repeat() {
         let table = Recipe::named("satin-paint").unwrap().merl().unwrap();
         let image = sphere_of_table(&table, 24);
-        assert_eq!(image, sphere_of_table(&table, 24));
+        // One pair of directions at a time.
+        let texels = Texels::new(&table);
+        assert_eq!(image, render_sphere(24, |wi, wo| texels.eval(wi, wo)));
         // Two at once are the same pictures.
         let other = Recipe { holes: 0.1, ..Recipe::named("pearl").unwrap() }.merl().unwrap();
         assert_eq!(spheres_of_tables(&table, &other, 24), [&table, &other].map(|table| sphere_of_table(table, 24)));

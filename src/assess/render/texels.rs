@@ -1,7 +1,7 @@
 //! A table as the renderers read it.
 
 use crate::table::Table;
-use crate::table::coords::{Lookup, Taps, taps};
+use crate::table::coords::{Batch, Lookup, Taps, taps};
 use crate::table::grid::Grid;
 use crate::table::parameterization::Parameterization;
 
@@ -37,13 +37,28 @@ impl Texels {
 
     /// The BRDF in 1/sr, red, green, blue, interpolated linearly; `wi` and `wo` above the horizon, z along the normal.
     pub fn eval(&self, wi: [f64; 3], wo: [f64; 3]) -> [f32; 3] {
-        self.taps(wi, wo).map_or([0.0; 3], |taps| self.mix(&taps))
+        let coordinates = self.parameterization.as_ref().and_then(|p| p.coordinates(wi, wo));
+        coordinates.map_or([0.0; 3], |coordinates| self.mix(&taps(&self.grid, coordinates, Lookup::Linear)))
     }
 
-    /// The positions that a pair of directions lies between, and their weights.
-    pub(super) fn taps(&self, wi: [f64; 3], wo: [f64; 3]) -> Option<Taps> {
-        let coordinates = self.parameterization.as_ref()?.coordinates(wi, wo)?;
-        Some(taps(&self.grid, coordinates, Lookup::Linear))
+    /// The positions that pairs of directions lie between, with their weights, by the number of the pair; leaves out those that have no
+    /// place on the grid. At most a batch of pairs.
+    pub(super) fn each_taps(&self, wi: &[[f64; 3]], wo: &[[f64; 3]], mut with: impl FnMut(usize, &Taps)) {
+        let Some(parameterization) = &self.parameterization else { return };
+        let mut batch = Batch::new();
+        let batches = parameterization.takes_batches();
+        if batches {
+            batch.fill(wi, wo);
+        }
+        for (i, (&wi, &wo)) in wi.iter().zip(wo).enumerate() {
+            let coordinates = match batches {
+                true => parameterization.batch_coordinates(&batch, i, wi, wo),
+                false => parameterization.coordinates(wi, wo),
+            };
+            if let Some(coordinates) = coordinates {
+                with(i, &taps(&self.grid, coordinates, Lookup::Linear));
+            }
+        }
     }
 
     /// The colours at positions of this grid, by their weights.
