@@ -33,6 +33,7 @@ mod report;
 mod search;
 mod settings;
 mod sparse;
+#[cfg(any(test, feature = "unstable"))]
 pub mod solver_log;
 
 use std::time::Instant;
@@ -45,7 +46,7 @@ use job::Job;
 use prepare::Prepared;
 use progress::Progress;
 pub use report::{Encoded, Report};
-pub use settings::{Channels, Encoder, Preset};
+pub use settings::{ChannelCoding, Encoder, Preset};
 
 impl Encoder {
     /// Encodes a table. The same table, settings and seed give the same bytes, whatever the number of threads. (On

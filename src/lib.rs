@@ -81,7 +81,17 @@ pub mod io;
 pub mod block {
     pub use crate::codec::fourier::Basis;
     pub use crate::decode::{BlockInfo, Origin, Scratch, Spectrum, State};
+    pub use crate::format::record::ValidityClass;
     pub use crate::table::block::{Block, Partition};
+}
+
+/// What a file says of all its blocks: how they are coded, and which sections it has.
+pub mod file {
+    pub use crate::codec::channel::ChannelTransform;
+    pub use crate::codec::dependent::Quantization;
+    pub use crate::codec::sample::Sampling;
+    pub use crate::format::directory::{Directory, Section};
+    pub use crate::format::header::Coding;
 }
 
 // What the tool, the bindings and the measuring programs need of the inside: no promise is made of it.
@@ -112,9 +122,9 @@ pub use brdf::touched::Touched;
 pub use brdf::{Brdf, BrdfOptions};
 pub use decode::{PrunedPolicy, Reader};
 #[cfg(feature = "encode")]
-pub use encode::contract::Contract;
+pub use encode::contract::{Contract, Figures};
 #[cfg(feature = "encode")]
-pub use encode::{Effort, Encoded, Encoder, Preset, Report};
+pub use encode::{ChannelCoding, Effort, Encoded, Encoder, Preset, Report};
 #[cfg(feature = "metadata")]
 pub use format::metadata::Metadata;
 pub use table::Table;

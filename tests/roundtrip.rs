@@ -4,7 +4,7 @@
 use csbrdf::codec::fourier::Basis;
 use csbrdf::codec::sample::{Sampling, SplitMix64};
 use csbrdf::decode::{Origin, Reader};
-use csbrdf::encode::{Channels, Encoder, Preset};
+use csbrdf::encode::{ChannelCoding, Encoder, Preset};
 use csbrdf::format::record::ValidityClass;
 use csbrdf::table::Table;
 use csbrdf::table::grid::{Axis, AxisName, Channel, Grid, Mapping};
@@ -125,7 +125,7 @@ fn every_basis_shape_and_channel_mode_round_trips() {
     let table = material([18, 20, 36], "satin-paint");
     for basis in [Basis::Dct, Basis::Dft] {
         for shape in [vec![5, 5, 5], vec![7, 6, 11], vec![100, 100, 100], vec![4, 9]] {
-            for channels in [Channels::Separate, Channels::Opponent] {
+            for channels in [ChannelCoding::Separate, ChannelCoding::Opponent] {
                 let encoder = Encoder::new().basis(basis).block_shape(&shape).channels(channels).seed(3);
                 check(&table, &encoder, 1e-3);
             }

@@ -25,7 +25,7 @@ impl ChannelTransform {
 
     /// Log values to components, in place: `planes[channel][position]`.
     #[cfg(feature = "encode")]
-    pub fn forward<T: Real>(&self, planes: &mut [T], channels: usize) {
+    pub(crate) fn forward<T: Real>(&self, planes: &mut [T], channels: usize) {
         let ChannelTransform::Matrix(matrix) = self else { return };
         let n = planes.len() / channels;
         if channels == 3 {

@@ -20,6 +20,7 @@ pub const MAX_DOUBLINGS: u8 = 31;
 
 /// How the valid entries of a file's blocks were sampled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Sampling {
     /// Every valid entry is a sample.
     Every,

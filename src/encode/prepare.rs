@@ -1,7 +1,7 @@
 //! The first stage: what does not depend on the quantiser step and is done once, however many trials an encode takes.
 
 use super::full::{self, FullTable};
-use super::settings::{Channels, Encoder};
+use super::settings::{ChannelCoding, Encoder};
 use super::sparse::Estimate;
 use super::sparse::quantise::Sampled;
 use crate::base::error::Result;
@@ -38,7 +38,7 @@ impl<'a> Prepared<'a> {
 fn choose_transform(settings: &Encoder, table: &Table) -> ChannelTransform {
     let common_mask = || (1..3).all(|c| table.valid_plane(c) == table.valid_plane(0));
     match settings.channels {
-        Channels::Opponent if table.grid().channels().len() == 3 && common_mask() => ChannelTransform::opponent(),
+        ChannelCoding::Opponent if table.grid().channels().len() == 3 && common_mask() => ChannelTransform::opponent(),
         _ => ChannelTransform::None,
     }
 }

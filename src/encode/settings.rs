@@ -31,7 +31,7 @@ pub enum Preset {
 /// Whether colour channels are coded together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
-pub enum Channels {
+pub enum ChannelCoding {
     /// Each channel alone.
     Separate,
     /// Three channels through the opponent transform, other numbers each alone.
@@ -75,7 +75,7 @@ pub struct Encoder {
     pub(super) profile: bool,
     pub(super) effort: Effort,
     pub(super) eps: f64,
-    pub(super) channels: Channels,
+    pub(super) channels: ChannelCoding,
     pub(super) contract: Option<Contract>,
     pub(super) lossless: bool,
     pub(super) spare: Option<bool>,
@@ -106,7 +106,7 @@ impl Encoder {
             profile: true,
             effort: Effort::Standard,
             eps: 1e-3,
-            channels: Channels::Opponent,
+            channels: ChannelCoding::Opponent,
             contract: None,
             lossless: false,
             spare: None,
@@ -132,7 +132,7 @@ impl Encoder {
                 sigma: Some(1e-3),
                 iterations: 300,
                 weighting: 0.0,
-                channels: Channels::Separate,
+                channels: ChannelCoding::Separate,
                 ..base
             },
             Preset::Sparse => Encoder {
@@ -232,7 +232,7 @@ impl Encoder {
     }
 
     /// Whether colour channels are coded together.
-    pub fn channels(self, channels: Channels) -> Encoder {
+    pub fn channels(self, channels: ChannelCoding) -> Encoder {
         Encoder { channels, ..self }
     }
 

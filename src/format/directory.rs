@@ -35,6 +35,7 @@ pub(crate) const SKIPPABLE: u32 = 1;
 
 /// One section of a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Section {
     /// Four ASCII characters.
     pub id: [u8; 4],

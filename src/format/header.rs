@@ -13,6 +13,7 @@ use crate::table::grid::{Axis, AxisName, Channel, Grid, Mapping};
 
 /// How a file's values were coded: everything that its blocks share.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Coding {
     /// Basis of the coefficients.
     pub basis: Basis,

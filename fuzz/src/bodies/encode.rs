@@ -10,7 +10,7 @@ use csbrdf::codec::fourier::Basis;
 use csbrdf::codec::sample::Sampling;
 use csbrdf::decode::{PrunedPolicy, Reader};
 use csbrdf::encode::contract::Contract;
-use csbrdf::encode::{Channels, Effort, Encoder, Preset};
+use csbrdf::encode::{ChannelCoding, Effort, Encoder, Preset};
 use csbrdf::table::Table;
 use csbrdf::table::grid::{Axis, AxisName, Channel, Grid, Mapping};
 
@@ -118,7 +118,7 @@ fn encoder(u: &mut Unstructured) -> Result<(Encoder, bool)> {
         encoder = encoder.effort(*u.choose(&[Effort::Fast, Effort::Standard, Effort::Thorough])?);
     }
     if on(12) {
-        encoder = encoder.channels(*u.choose(&[Channels::Separate, Channels::Opponent])?);
+        encoder = encoder.channels(*u.choose(&[ChannelCoding::Separate, ChannelCoding::Opponent])?);
     }
     // Up to six encodes. Not of a render PSNR: each takes two pictures, a second.
     if on(13) && on(14) {

@@ -92,7 +92,7 @@ mod tests {
     use crate::decode::{PrunedPolicy, Reader};
     use crate::edit::prune::Pruner;
     use crate::encode::contract::Contract;
-    use crate::encode::{Channels, Encoder, Preset};
+    use crate::encode::{ChannelCoding, Encoder, Preset};
     use crate::format::directory;
     use crate::format::file::write_file;
     use crate::format::header::write_coding;
@@ -130,7 +130,7 @@ mod tests {
     }
 
     fn encoder() -> Encoder {
-        Encoder::new().block_shape(&SHAPE).channels(Channels::Separate)
+        Encoder::new().block_shape(&SHAPE).channels(ChannelCoding::Separate)
     }
 
     fn block(reader: &Reader<&[u8]>, number: usize) -> Vec<u32> {
@@ -192,7 +192,7 @@ mod tests {
                 1 => encoder().contract(Contract::MaxError(0.02)),
                 2 => encoder().lossless(true),
                 3 => encoder().basis(Basis::Dft).sampling(Sampling::from_ratio(0.5).unwrap()),
-                _ => encoder().preset(Preset::Sparse).block_shape(&SHAPE).channels(Channels::Separate).sampling_for(0.2),
+                _ => encoder().preset(Preset::Sparse).block_shape(&SHAPE).channels(ChannelCoding::Separate).sampling_for(0.2),
             };
             let bytes = encoder.encode(&table).unwrap().bytes;
             let channels: Vec<usize> = (0..count).filter(|&c| keep[c]).collect();

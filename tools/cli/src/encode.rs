@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use csbrdf::codec::fourier::Basis;
 use csbrdf::codec::sample::Sampling;
 use csbrdf::encode::contract::Contract;
-use csbrdf::encode::{Channels, Effort, Encoder, Preset};
+use csbrdf::encode::{ChannelCoding, Effort, Encoder, Preset};
 use csbrdf::format::metadata::Metadata;
 use csbrdf::table::Table;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -189,8 +189,8 @@ pub fn encoder(args: &EncodeArgs) -> Encoder {
     }
     if let Some(channels) = args.channels {
         encoder = encoder.channels(match channels {
-            ChannelsArg::Separate => Channels::Separate,
-            ChannelsArg::Opponent => Channels::Opponent,
+            ChannelsArg::Separate => ChannelCoding::Separate,
+            ChannelsArg::Opponent => ChannelCoding::Opponent,
         });
     }
     encoder
